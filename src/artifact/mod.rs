@@ -1,0 +1,21 @@
+//! The typed values that stages hand to each other, and how they lie on disk.
+
+use std::collections::BTreeMap;
+
+/// The files of one artifact by name: every file becomes one content-addressed object of the store.
+pub type Files = BTreeMap<String, Vec<u8>>;
+
+/// A value that one stage makes and others take.
+///
+/// Tensors lie in `.safetensors` and metrics in `.json`, so every artifact opens in Python without us. Equal values
+/// give equal bytes: `save` writes in a fixed order, without clock, path or host.
+pub trait Artifact: Sized + Send + 'static {
+    /// The name that ports and error messages use, such as `lce_model`.
+    const TYPE: &'static str;
+
+    /// Writes the value as files.
+    fn save(&self) -> anyhow::Result<Files>;
+
+    /// Reads what `save` wrote; says what is wrong with files that it did not write.
+    fn load(files: &Files) -> anyhow::Result<Self>;
+}

@@ -1,0 +1,9 @@
+//! carl-pipe: declarative, cached, replayable pipelines for control-aware representation learning from pixels.
+
+pub mod artifact;
+pub mod env;
+pub mod nn;
+pub mod pipeline;
+pub mod record;
+pub mod rng;
+pub mod stage;

@@ -1,0 +1,5 @@
+//! Networks by hand on faer matrices: layers, heads, Adam, kernels.
+
+mod threads;
+
+pub use threads::Threads;

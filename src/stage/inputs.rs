@@ -1,0 +1,116 @@
+//! The ports of a kind: which artifacts it takes, how many of each, and how their files become values.
+
+use anyhow::{Context as _, bail};
+
+use crate::artifact::{Artifact, Files};
+
+/// How many artifacts a port takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Arity {
+    /// Exactly one.
+    One,
+    /// One or none, as in the first round of a loop.
+    Optional,
+    /// Any number above zero, in the order written.
+    Many,
+}
+
+/// An input that a kind declares.
+#[derive(Debug, Clone, Copy)]
+pub struct Port {
+    /// The name that pipeline files write under `inputs`.
+    pub name: &'static str,
+    /// The type of artifact it takes.
+    pub artifact: &'static str,
+    /// How many.
+    pub arity: Arity,
+    /// What the stage uses it for.
+    pub about: &'static str,
+}
+
+/// The verified files that the engine hands to a stage, by port.
+#[derive(Debug, Default)]
+pub struct InputFiles<'a> {
+    /// Port name to the artifacts connected to it, in the order written.
+    pub by_port: std::collections::BTreeMap<&'static str, Vec<&'a Files>>,
+}
+
+/// A field of an `inputs!` struct: `T`, `Option<T>` or `Vec<T>` for an artifact `T`.
+pub trait PortField: Sized {
+    /// How many artifacts it takes.
+    const ARITY: Arity;
+    /// Of which type.
+    const ARTIFACT: &'static str;
+    /// Reads them.
+    fn load(files: &[&Files]) -> anyhow::Result<Self>;
+}
+
+impl<T: Artifact> PortField for T {
+    const ARITY: Arity = Arity::One;
+    const ARTIFACT: &'static str = T::TYPE;
+    fn load(files: &[&Files]) -> anyhow::Result<Self> {
+        let [files] = files else { bail!("takes one {}, but got {}", T::TYPE, files.len()) };
+        T::load(files)
+    }
+}
+
+impl<T: Artifact> PortField for Option<T> {
+    const ARITY: Arity = Arity::Optional;
+    const ARTIFACT: &'static str = T::TYPE;
+    fn load(files: &[&Files]) -> anyhow::Result<Self> {
+        match files {
+            [] => Ok(None),
+            [files] => T::load(files).map(Some),
+            more => bail!("takes at most one {}, but got {}", T::TYPE, more.len()),
+        }
+    }
+}
+
+impl<T: Artifact> PortField for Vec<T> {
+    const ARITY: Arity = Arity::Many;
+    const ARTIFACT: &'static str = T::TYPE;
+    fn load(files: &[&Files]) -> anyhow::Result<Self> {
+        files.iter().map(|files| T::load(files)).collect()
+    }
+}
+
+/// The typed inputs of a kind; written with the `inputs!` macro.
+pub trait Inputs: Sized {
+    /// The ports, in the order of the fields.
+    const PORTS: &'static [Port];
+    /// Reads every port.
+    fn load(files: &InputFiles<'_>) -> anyhow::Result<Self>;
+}
+
+/// Reads one port, and names it in what goes wrong.
+pub fn load_port<T: PortField>(files: &InputFiles<'_>, port: &'static str) -> anyhow::Result<T> {
+    let files = files.by_port.get(port).map_or(&[][..], Vec::as_slice);
+    T::load(files).with_context(|| format!("cannot read input `{port}`"))
+}
+
+/// Declares the typed inputs of a stage; the documentation of each field is the help text of its port.
+#[allow(unused_macros)]
+macro_rules! inputs {
+    (
+        $(#[$outer:meta])*
+        $vis:vis struct $name:ident { $( #[doc = $about:literal] $field:ident : $ty:ty ),* $(,)? }
+    ) => {
+        $(#[$outer])*
+        $vis struct $name { $( #[doc = $about] $field: $ty ),* }
+
+        impl $crate::stage::Inputs for $name {
+            const PORTS: &'static [$crate::stage::Port] = &[ $( $crate::stage::Port {
+                name: stringify!($field),
+                artifact: <$ty as $crate::stage::PortField>::ARTIFACT,
+                arity: <$ty as $crate::stage::PortField>::ARITY,
+                about: $about,
+            } ),* ];
+
+            fn load(_files: &$crate::stage::InputFiles<'_>) -> anyhow::Result<Self> {
+                Ok(Self { $( $field: $crate::stage::inputs::load_port(_files, stringify!($field))? ),* })
+            }
+        }
+    };
+}
+#[allow(unused_imports)]
+pub(crate) use inputs;

@@ -1,0 +1,158 @@
+//! The kinds of work that a pipeline can name, and the contract that each of them keeps.
+//!
+//! A kind is one file here, named after itself, and one line in [`registry`].
+
+mod cx;
+mod inputs;
+
+use anyhow::Context as _;
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::Value;
+
+use crate::{artifact::{Artifact, Files}, env::Task};
+
+pub use cx::{Host, StageCx};
+pub use inputs::{Arity, InputFiles, Inputs, Port, PortField};
+#[allow(unused_imports)]
+pub(crate) use inputs::inputs;
+
+/// One kind of stage: typed parameters and inputs in, one artifact out.
+///
+/// Nothing but parameters, inputs and `cx.rng` may reach the output: no clock, no path, no thread count.
+pub trait Stage: 'static {
+    /// The `kind` that pipeline files write.
+    const KIND: &'static str;
+    /// Raised when the same parameters and inputs would give other bytes.
+    const VERSION: u32;
+    /// One line for `carl-pipe stages`.
+    const ABOUT: &'static str;
+    /// What the pipeline file may set.
+    type Params: Params;
+    /// What other stages hand in.
+    type Inputs: Inputs;
+    /// What this stage hands on.
+    type Output: Artifact;
+
+    /// Does the work.
+    fn run(params: &Self::Params, inputs: Self::Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<Self::Output>;
+}
+
+/// The parameters of a kind. Derive `Serialize`, `Deserialize` (with `deny_unknown_fields, default`) and `JsonSchema`:
+/// field documentation becomes help text, and what a file leaves out comes from [`Params::preset`].
+pub trait Params: Serialize + DeserializeOwned + Default + schemars::JsonSchema {
+    /// The values of a preset for a task.
+    fn preset(of: &PresetOf<'_>) -> Self;
+
+    /// Refuses values out of range, each by its path (`lambda.consistency`) and what is wrong with it.
+    fn check(&self) -> Vec<Refusal> {
+        Vec::new()
+    }
+}
+
+/// A parameter that cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Refusal {
+    /// The parameter's path below the stage, such as `lambda.consistency`.
+    pub path: &'static str,
+    /// A lower-case clause such as ``must be above 0, but is `-1` ``.
+    pub why: String,
+}
+
+/// Refuses a value that is not above zero; nan and inf are refused too.
+pub fn above_zero(refusals: &mut Vec<Refusal>, path: &'static str, value: f64) {
+    if !(value.is_finite() && value > 0.0) {
+        refusals.push(Refusal { path, why: format!("must be above 0, but is `{value}`") });
+    }
+}
+
+/// Refuses a value outside `low..=high`; nan and inf are refused too.
+pub fn within(refusals: &mut Vec<Refusal>, path: &'static str, value: f64, low: f64, high: f64) {
+    if !(value.is_finite() && (low..=high).contains(&value)) {
+        refusals.push(Refusal { path, why: format!("must lie in {low}..{high}, but is `{value}`") });
+    }
+}
+
+/// Which table of defaults fills what a file does not write.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Preset {
+    /// Our values: what was measured to work.
+    Recipe,
+    /// The paper's values, to the letter.
+    Paper,
+}
+
+/// What a preset may depend on.
+#[derive(Debug)]
+pub struct PresetOf<'a> {
+    /// Which table.
+    pub preset: Preset,
+    /// The task of the pipeline.
+    pub task: &'a Task,
+    /// The parameters written in the file, since `objective` decides over other defaults.
+    pub given: &'a serde_json::Map<String, Value>,
+}
+
+/// A kind with its types erased: what the pipeline checks against and the engine runs.
+pub struct Kind {
+    /// See [`Stage::KIND`].
+    pub name: &'static str,
+    /// See [`Stage::VERSION`].
+    pub version: u32,
+    /// See [`Stage::ABOUT`].
+    pub about: &'static str,
+    /// The inputs it takes.
+    pub ports: &'static [Port],
+    /// The type of its artifact.
+    pub output: &'static str,
+    /// All parameters of a preset, explicit.
+    pub preset: fn(&PresetOf<'_>) -> Value,
+    /// The JSON schema of its parameters, with their documentation.
+    pub schema: fn() -> schemars::Schema,
+    /// Reads the table of a pipeline file only for its mistakes, which carry their exact place.
+    pub try_table: fn(toml::de::ValueDeserializer<'_>) -> Result<(), toml::de::Error>,
+    /// Reads explicit parameters and refuses those out of range.
+    pub check: fn(&Value) -> Result<Vec<Refusal>, serde_json::Error>,
+    /// Does the work: explicit parameters and verified files in, files out.
+    pub run: fn(&Value, &InputFiles<'_>, &mut StageCx<'_>) -> anyhow::Result<Files>,
+}
+
+impl std::fmt::Debug for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Kind({} v{})", self.name, self.version)
+    }
+}
+
+impl Kind {
+    /// Erases the types of `S`.
+    pub fn of<S: Stage>() -> Self {
+        Self {
+            name: S::KIND,
+            version: S::VERSION,
+            about: S::ABOUT,
+            ports: S::Inputs::PORTS,
+            output: S::Output::TYPE,
+            preset: |of| serde_json::to_value(S::Params::preset(of)).expect("parameters are plain data"),
+            schema: || schemars::schema_for!(S::Params),
+            try_table: |table| serde::Deserialize::deserialize(table).map(|_: S::Params| ()),
+            check: |params| serde_json::from_value::<S::Params>(params.clone()).map(|params| params.check()),
+            run: |params, inputs, cx| {
+                let params: S::Params = serde_json::from_value(params.clone())?;
+                let inputs = S::Inputs::load(inputs)?;
+                let output = S::run(&params, inputs, cx)?;
+                output.save().with_context(|| format!("cannot lay out {}", S::Output::TYPE))
+            },
+        }
+    }
+}
+
+/// Every kind there is, in the order of a pipeline.
+pub fn registry() -> &'static [Kind] {
+    static KINDS: std::sync::LazyLock<Vec<Kind>> = std::sync::LazyLock::new(Vec::new);
+    &KINDS
+}
+
+/// The kind called `name`.
+pub fn kind(name: &str) -> Option<&'static Kind> {
+    registry().iter().find(|kind| kind.name == name)
+}
