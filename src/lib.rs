@@ -2,8 +2,10 @@
 
 pub mod artifact;
 pub mod env;
+pub mod lce;
 pub mod nn;
 pub mod pipeline;
+
 pub mod record;
 pub mod rng;
 pub mod stage;
