@@ -1,6 +1,7 @@
 //! carl-pipe: declarative, cached, replayable pipelines for control-aware representation learning from pixels.
 
 pub mod artifact;
+pub mod diag;
 pub mod env;
 pub mod nn;
 pub mod pipeline;
