@@ -127,7 +127,7 @@ impl Diagnostics {
         let mut text: Vec<String> = self.list.iter().map(|one| renderer.render(&[self.group(one)])).collect();
         if self.list.len() > 1 {
             text.push(renderer.render(&[Group::with_title(
-                Level::ERROR.primary_title(format!("{} mistakes, nothing was run", self.list.len())),
+                Level::ERROR.primary_title(format!("{} mistakes", self.list.len())),
             )]));
         }
         text.join("\n\n") + "\n"

@@ -29,15 +29,20 @@ pub(super) fn graph(
     wiring::check(&mut draft.stages, draft.rounds, kinds, &mut mistakes);
     let draft = &*draft;
     streams::check(draft, &mut mistakes);
-    let Some(cells) = cells(draft, &mut mistakes) else { return Err(mistakes) };
+    let mut settler = Settler::new(draft);
+    let cells = if draft.stages.iter().any(|stage| stage.loop_broken) { None } else { cells(draft, &mut mistakes) };
+    let Some(cells) = cells else {
+        settler.settle_all();
+        mistakes.append(&mut settler.mistakes);
+        return Err(mistakes);
+    };
     let order = order(&cells, draft, &mut mistakes);
     let most = reach(&cells, &order, draft, &|_| true);
     let count = count(&most, draft);
     if count > MAX_NODES {
-        mistakes.push(too_large(count, "nodes"));
+        mistakes.push(too_large(count, "nodes", draft));
         return Err(mistakes);
     }
-    let mut settler = Settler::new(draft);
     settler.settle_all();
     let differs = preset_differs(draft, &mut settler);
     let reached = reach(&cells, &order, draft, &|cell| differs[&(cell.stage, cell.is_first(&draft.stages[cell.stage]))]);

@@ -13,7 +13,7 @@ use super::{
     overrides::{Sweep, parts},
     parse::{table_of, typed},
     tree::{Key, Tree, placed, refuse_infinite, to_json},
-    wording::instead,
+    wording::{instead, what},
 };
 use crate::{
     diag::{Diagnostic, Sources, Span},
@@ -173,6 +173,10 @@ fn target_of<'i>(path: &[Key<'i>], stages: &[StageDraft<'_>]) -> Result<Target<'
         ["seed"] => return Ok(Target::Seed),
         ["preset"] => return Ok(Target::Preset),
         ["task", _, ..] => return Ok(Target::Task(path[1..].to_vec())),
+        ["task"] => {
+            let help = "write `\"task.noise\" = …`".to_owned();
+            return refuse("`task` is a table, not an option of the task".to_owned(), help);
+        }
         _ => {}
     }
     let Some(stage) = stages.iter().position(|stage| stage.name == words[0]) else {
@@ -207,7 +211,7 @@ fn values_of<'i>(
     let items = match listed.unwrap_or(written).into_inner() {
         DeValue::Array(items) => items,
         other => {
-            let message = format!("an axis takes a list or a range, but is a {}", other.type_str());
+            let message = format!("an axis takes a list or a range, but is {}", what(&other));
             mistakes.push(Diagnostic::at(span, message).help(VALUES_HELP));
             return Vec::new();
         }
@@ -256,7 +260,7 @@ fn text_of(value: &Tree<'_>) -> Result<String, Diagnostic> {
         (_, Value::Number(number)) => Ok(number.to_string()),
         (_, Value::Bool(boolean)) => Ok(boolean.to_string()),
         (other, _) => {
-            let message = format!("a value of an axis cannot be a {}", other.type_str());
+            let message = format!("a value of an axis cannot be {}", what(other));
             refuse(message, "an axis lists numbers, texts, or true and false")
         }
     }

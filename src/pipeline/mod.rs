@@ -1,12 +1,14 @@
 //! A pipeline file, read and unrolled: `text -> parse -> expand -> check` gives a [`Graph`] of nodes, or all mistakes.
 
+mod catalogue;
+mod dag;
 mod draft;
 mod expand;
 mod matrix;
 mod order;
 mod overrides;
-mod parse;
 mod params;
+mod parse;
 mod reach;
 mod reference;
 mod stage_table;
@@ -25,6 +27,8 @@ use crate::{
     stage::{Kind, Port},
 };
 
+pub use catalogue::{stages_json, stages_text};
+pub use dag::{dag_mermaid, dag_text, dag_text_expanded};
 pub use overrides::Overrides;
 
 /// The index of a node in [`Graph::nodes`].

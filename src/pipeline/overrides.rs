@@ -8,7 +8,7 @@ use toml::{
 };
 
 use super::{
-    tree::{Key, Tree, set, shifted},
+    tree::{Key, Tree, endless_key, set, shifted},
     wording::instead,
 };
 use crate::diag::{Diagnostic, Span};
@@ -45,6 +45,11 @@ pub(super) fn apply<'i>(
 ) -> Vec<Sweep<'i>> {
     let mut sweeps = Vec::new();
     for (base, text) in arguments {
+        if let Some(span) = endless_key(text) {
+            let span = span.start + base..span.end + base;
+            mistakes.push(Diagnostic::at(span, "nested too deeply").help("no parameter lies that deep"));
+            continue;
+        }
         let (flag, assignment) = text.split_once(' ').unwrap_or((text, ""));
         let base = base + flag.len() + 1;
         let read = match flag {

@@ -15,6 +15,42 @@ pub(super) type Tree<'i> = Spanned<DeValue<'i>>;
 /// A key and its place.
 pub(super) type Key<'i> = Spanned<Cow<'i, str>>;
 
+/// More parts than any path needs.
+const MAX_PARTS: usize = 32;
+/// Deeper than any parameter lies.
+const MAX_DEPTH: usize = 48;
+
+/// A dotted key of so many parts that the tree, which is walked recursively, could outgrow the stack.
+pub(super) fn endless_key(text: &str) -> Option<Range<usize>> {
+    let (mut start, mut parts) = (0, 1);
+    let mut previous = ' ';
+    for (at, c) in text.char_indices() {
+        match c {
+            '.' if previous != '.' => parts += 1,
+            '.' | '=' | ',' | '[' | ']' | '{' | '}' | '#' | '\n' => (start, parts) = (at + 1, 1),
+            _ => {}
+        }
+        if parts > MAX_PARTS {
+            return Some(start..at);
+        }
+        previous = c;
+    }
+    None
+}
+
+/// The first entry of a table that lies too deep in itself.
+pub(super) fn endless_entry(table: &DeTable<'_>) -> Option<Range<usize>> {
+    table.iter().find(|(_, value)| depth(value.get_ref()) > MAX_DEPTH).map(|(key, _)| key.span())
+}
+
+fn depth(value: &DeValue<'_>) -> usize {
+    match value {
+        DeValue::Array(items) => 1 + items.iter().map(|item| depth(item.get_ref())).max().unwrap_or(0),
+        DeValue::Table(table) => 1 + table.values().map(|value| depth(value.get_ref())).max().unwrap_or(0),
+        _ => 0,
+    }
+}
+
 /// A tree whose places are counted from `base` on.
 pub(super) fn shifted(tree: Tree<'_>, base: usize) -> Tree<'_> {
     moved(tree, &|span| span.start + base..span.end + base)

@@ -29,6 +29,9 @@ fn round_mistake(
     giver: &StageDraft<'_>,
     rounds: u32,
 ) -> Option<Diagnostic> {
+    if taker.loop_broken || giver.loop_broken {
+        return None;
+    }
     let (text, name, taker_name) = (&reference.text, &giver.name, &taker.name);
     let mistake = |message: String| Diagnostic::at(reference.span.clone(), message);
     match (giver.from, reference.which) {
@@ -86,12 +89,15 @@ fn givers(artifact: &str, stages: &[StageDraft<'_>], kinds: &[Kind]) -> String {
 
 /// Required inputs that are not written.
 fn missing(stage: &StageDraft<'_>, stages: &[StageDraft<'_>], kinds: &[Kind]) -> Vec<Diagnostic> {
+    if stage.inputs_broken {
+        return Vec::new();
+    }
     let ports = stage.kind.map_or(&[][..], |kind| kind.ports);
     let required = ports.iter().filter(|port| port.arity != Arity::Optional);
     let left_out = required.filter(|port| stage.inputs.iter().all(|input| input.port.name != port.name));
     left_out
         .map(|port| {
-            let message = format!("stage `{}` needs the input `{}`: {}", stage.name, port.name, port.artifact);
+            let message = format!("stage `{}` lacks the input `{}`, which takes {}", stage.name, port.name, port.artifact);
             let mistake = Diagnostic::at(stage.span.clone(), message);
             let givers = givers(port.artifact, stages, kinds);
             mistake.help(format!("write `inputs = {{ {} = \"…\" }}`; {givers}", port.name))
