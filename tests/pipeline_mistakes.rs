@@ -141,7 +141,10 @@ fn parameters() {
             ("nested out of range", changed("epochs = 15", "lambda.consistency = -1")),
             ("out of range in first", changed("{ epochs = 400 }", "{ learning_rate = -0.5 }")),
             ("out of range by default", changed("epochs = 15", "epochs = 666")),
-            ("several", changed("epochs = 15", "epoch = 15\nlearning_rate = \"fast\"\nlambda = { x = 1, consistency = 0 }")),
+            (
+                "several",
+                changed("epochs = 15", "epoch = 15\nlearning_rate = \"fast\"\nlambda = { x = 1, consistency = 0 }"),
+            ),
         ],
     );
 }
@@ -164,16 +167,33 @@ fn inputs() {
             ("a point of the matrix", warm("warm_start = \"represent@prev[seed=2]\"")),
             ("empty list for a required input", changed("[\"bootstrap\", \"collect@sofar\"]", "[]")),
             ("same round of itself", warm("warm_start = \"represent\"")),
-            ("required round that does not exist", changed("model = \"represent\", agent = \"control\"", "model = \"represent@prev\", agent = \"control\"")),
+            (
+                "required round that does not exist",
+                changed(
+                    "model = \"represent\", agent = \"control\"",
+                    "model = \"represent@prev\", agent = \"control\"",
+                ),
+            ),
             ("round beyond the loop", warm("warm_start = \"represent@17\"")),
             ("round of a stage outside of the loop", changed("\"bootstrap\"", "\"bootstrap@prev\"")),
             ("last inside of the loop", warm("warm_start = \"represent@last\"")),
             ("all inside of the loop", changed("collect@sofar", "collect@all")),
             ("many into one", changed("model = \"represent\", agent", "model = \"represent@sofar\", agent")),
             ("the same twice", changed("\"collect@sofar\"", "\"collect@sofar\", \"collect\"")),
-            ("no round from outside", added("[stages.s]\nkind = \"summarize\"\ninputs = { evaluations = \"evaluate\" }\n")),
-            ("prev from outside", added("[stages.s]\nkind = \"summarize\"\ninputs = { evaluations = \"evaluate@prev\" }\n")),
-            ("a star into one", added("[stages.m]\nkind = \"export_latent_map\"\ninputs = { model = \"represent@last[*]\" }\n[matrix]\nseed = [1, 2]\n")),
+            (
+                "no round from outside",
+                added("[stages.s]\nkind = \"summarize\"\ninputs = { evaluations = \"evaluate\" }\n"),
+            ),
+            (
+                "prev from outside",
+                added("[stages.s]\nkind = \"summarize\"\ninputs = { evaluations = \"evaluate@prev\" }\n"),
+            ),
+            (
+                "a star into one",
+                added(
+                    "[stages.m]\nkind = \"export_latent_map\"\ninputs = { model = \"represent@last[*]\" }\n[matrix]\nseed = [1, 2]\n",
+                ),
+            ),
             ("inputs of the wrong type", changed("{ model = \"represent\", agent = \"control\" }", "\"represent\"")),
         ],
     );
@@ -186,7 +206,13 @@ fn circles_and_shared_randomness() {
         "circles",
         &[
             ("two stages", changed("agent = \"control@prev\"", "agent = \"control\"")),
-            ("itself and two", changed("{ model = \"represent@prev\", agent = \"control@prev\" }", "{ model = \"represent\", agent = \"control\" }")),
+            (
+                "itself and two",
+                changed(
+                    "{ model = \"represent@prev\", agent = \"control@prev\" }",
+                    "{ model = \"represent\", agent = \"control\" }",
+                ),
+            ),
             (
                 "the same randomness twice",
                 rendered(
@@ -256,6 +282,7 @@ fn arguments() {
             ("sweep twice", argued(&[], &["seed=1,2", "seed=3"])),
             ("empty range", argued(&[], &["seed=3..3"])),
             ("wrong type in a sweep", argued(&[], &["represent.epochs=1,x"])),
+            ("a parameter that is an axis", argued(&["represent.epochs=3"], &["represent.epochs=1,2"])),
             (
                 "seed that is an axis",
                 rendered(format!("{ONLINE}\n[matrix]\nseed = [1]\n").as_bytes(), &overrides(&["seed=3"], &[])),
@@ -279,7 +306,8 @@ fn all_mistakes_of_a_file_appear_at_once_in_their_order() {
 #[test]
 fn programs_read_line_and_column() {
     let text = ONLINE.replace("epochs = 15", "epoch = 15");
-    let mistakes = load(&Source { path: "p.toml", bytes: text.as_bytes() }, &Overrides::default(), kinds()).unwrap_err();
+    let mistakes =
+        load(&Source { path: "p.toml", bytes: text.as_bytes() }, &Overrides::default(), kinds()).unwrap_err();
     assert_eq!(
         mistakes.to_json(),
         serde_json::json!([{

@@ -45,7 +45,8 @@ pub(super) fn graph(
     }
     settler.settle_all();
     let differs = preset_differs(draft, &mut settler);
-    let reached = reach(&cells, &order, draft, &|cell| differs[&(cell.stage, cell.is_first(&draft.stages[cell.stage]))]);
+    let reached =
+        reach(&cells, &order, draft, &|cell| differs[&(cell.stage, cell.is_first(&draft.stages[cell.stage]))]);
     mistakes.append(&mut settler.mistakes);
     if mistakes.is_empty() {
         check_gathered(&cells, &reached, draft, &mut mistakes);
@@ -54,7 +55,7 @@ pub(super) fn graph(
         return Err(mistakes);
     }
     let mut unrolling = Unrolling { draft, cells: &cells, reached: &reached, starts: vec![0; cells.len()], settler };
-    let nodes = unrolling.nodes(&order).ok_or_else(|| unrolling.settler.mistakes)?;
+    let nodes = unrolling.nodes(&order).ok_or(unrolling.settler.mistakes)?;
     Ok(Graph { name: draft.name.clone(), description: draft.description.clone(), nodes })
 }
 
@@ -181,9 +182,9 @@ impl Unrolling<'_, '_> {
                 if giver.gathers {
                     nodes.extend(start..start + size(axes, self.draft));
                 } else {
-                    let index = axes.iter().fold(0, |index, axis| {
-                        index * self.draft.axes[*axis].values.len() + point[*axis].unwrap_or(0)
-                    });
+                    let index = axes
+                        .iter()
+                        .fold(0, |index, axis| index * self.draft.axes[*axis].values.len() + point[*axis].unwrap_or(0));
                     nodes.push(start + index);
                 }
             }

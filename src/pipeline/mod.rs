@@ -21,7 +21,7 @@ mod wording;
 use serde_json::Value;
 
 use crate::{
-    diag::{Diagnostics, Sources},
+    diag::{Diagnostic, Diagnostics, Sources},
     env::Task,
     rng::Stream,
     stage::{Kind, Port},
@@ -92,16 +92,12 @@ pub fn load(source: &Source<'_>, overrides: &Overrides, kinds: &'static [Kind]) 
     graph_of(source, &sources, kinds).map_err(|mistakes| Diagnostics::new(sources, mistakes))
 }
 
-fn graph_of(
-    source: &Source<'_>,
-    sources: &Sources,
-    kinds: &'static [Kind],
-) -> Result<Graph, Vec<crate::diag::Diagnostic>> {
+fn graph_of(source: &Source<'_>, sources: &Sources, kinds: &'static [Kind]) -> Result<Graph, Vec<Diagnostic>> {
     let mut mistakes = Vec::new();
     let mut document = parse::document(source.bytes, sources)?;
     let arguments: Vec<(usize, &str)> = sources.texts().skip(1).collect();
-    let sweeps = overrides::apply(&mut document, &arguments, &mut mistakes);
-    let axes = matrix::written(&mut document, sweeps, &mut mistakes);
+    let applied = overrides::apply(&mut document, &arguments, &mut mistakes);
+    let axes = matrix::written(&mut document, applied, &mut mistakes);
     let ranges = matrix::ranges(&axes, &mut mistakes);
     let mut draft = parse::draft(document, axes, &ranges, sources, kinds, &mut mistakes);
     expand::graph(&mut draft, kinds, mistakes)

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::Deserialize as _;
-use serde_json::Value;
+use serde_json::{Map, Value};
 use toml::{
     Spanned,
     de::{DeTable, DeValue, ValueDeserializer},
@@ -103,9 +103,8 @@ impl<'a, 'i> Settler<'a, 'i> {
         let task = self.task(point)?;
         let preset = self.preset(point);
         let given = table_to_json(&table);
-        let mut params = (kind.preset)(&PresetOf { preset, task: &task, given: &given });
-        lay_json_over(&mut params, Value::Object(given));
-        match (kind.canonical)(&params) {
+        let defaults = (kind.preset)(&PresetOf { preset, task: &task, given: &given });
+        match explicit(kind, defaults, given) {
             Ok(params) => {
                 self.refuse_out_of_range(stage, kind, &params, &table, preset);
                 Some(params)
@@ -175,6 +174,19 @@ impl<'a, 'i> Settler<'a, 'i> {
     fn restricted(&self, point: &[Option<usize>], counts: impl Fn(&Axis<'i>) -> bool) -> Point {
         self.draft.axes.iter().zip(point).map(|(axis, choice)| choice.filter(|_| counts(axis))).collect()
     }
+}
+
+/// The parameters given laid over the defaults, written the one way that equal parameters have.
+fn explicit(kind: &Kind, defaults: Value, given: Map<String, Value>) -> Result<Value, serde_json::Error> {
+    let mut merged = defaults.clone();
+    lay_json_over(&mut merged, Value::Object(given.clone()));
+    (kind.canonical)(&merged).or_else(|error| {
+        // Tables of a choice such as `{ uniform = { … } }` cannot be merged with another choice: they replace it.
+        let mut replaced = defaults;
+        let Value::Object(entries) = &mut replaced else { return Err(error) };
+        entries.extend(given);
+        (kind.canonical)(&replaced).map_err(|_| error)
+    })
 }
 
 /// Whether an axis can change the parameters of a stage: presets may depend on the task.

@@ -6,7 +6,7 @@ use toml::{
 };
 
 use super::{
-    draft::{Draft, Target, TaskTable},
+    draft::{Axis, Draft, Target, TaskTable},
     matrix::{self, WrittenAxis},
     stage_table,
     tree::{Key, Tree, endless_entry, endless_key, refuse_infinite_in, to_json},
@@ -87,16 +87,7 @@ pub(super) fn draft<'i>(
     let tables = stage_tables(document.remove("stages"), mistakes);
     let stages = stage_table::read(tables, rounds, kinds, mistakes);
     let axes = matrix::read(axes, ranges, sources, &stages, mistakes);
-    let task_from_axes = axes.iter().find(|axis| matches!(axis.target, Target::Task(_))).map(|axis| axis.span.clone());
-    let task = match (no_task, task_from_axes) {
-        (true, Some(span)) => Some(TaskTable { table: DeTable::new(), span }),
-        (true, None) => {
-            let mistake = Diagnostic::at(0..0, "the pipeline has no `[task]`");
-            mistakes.push(mistake.help("write `[task]` with `env = \"planar\"`"));
-            None
-        }
-        (false, _) => task,
-    };
+    let task = if no_task { task_of_axes(&axes, mistakes) } else { task };
     Draft {
         name: name.unwrap_or_default().0,
         description: description.unwrap_or_default().0,
@@ -108,6 +99,16 @@ pub(super) fn draft<'i>(
         stages,
         axes,
     }
+}
+
+/// The task of a file that leaves it to the axes of the matrix.
+fn task_of_axes<'i>(axes: &[Axis<'i>], mistakes: &mut Vec<Diagnostic>) -> Option<TaskTable<'i>> {
+    let axis = axes.iter().find(|axis| matches!(axis.target, Target::Task(_)));
+    if axis.is_none() {
+        let mistake = Diagnostic::at(0..0, "the pipeline has no `[task]`");
+        mistakes.push(mistake.help("write `[task]` with `env = \"planar\"`"));
+    }
+    axis.map(|axis| TaskTable { table: DeTable::new(), span: axis.span.clone() })
 }
 
 fn unknown_key(key: &Key<'_>, document: &DeTable<'_>) -> Diagnostic {
@@ -215,10 +216,7 @@ fn rounds_of(value: Option<Tree<'_>>, mistakes: &mut Vec<Diagnostic>) -> Option<
     }
 }
 
-fn stage_tables<'i>(
-    value: Option<Tree<'i>>,
-    mistakes: &mut Vec<Diagnostic>,
-) -> Vec<(Key<'i>, Span, DeTable<'i>)> {
+fn stage_tables<'i>(value: Option<Tree<'i>>, mistakes: &mut Vec<Diagnostic>) -> Vec<(Key<'i>, Span, DeTable<'i>)> {
     let wrong = value.as_ref().is_some_and(|value| !value.get_ref().is_table());
     let stages = table_of(value, "stages", mistakes).map(|(table, _)| table).unwrap_or_default();
     if stages.is_empty() && !wrong {

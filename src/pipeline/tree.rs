@@ -103,9 +103,7 @@ pub(super) fn set<'i>(table: &mut DeTable<'i>, path: &[Key<'i>], value: Tree<'i>
         replace(table, key.clone(), value);
         return Ok(());
     }
-    let below = table
-        .entry(key.clone())
-        .or_insert_with(|| Spanned::new(key.span(), DeValue::Table(DeTable::new())));
+    let below = table.entry(key.clone()).or_insert_with(|| Spanned::new(key.span(), DeValue::Table(DeTable::new())));
     match below.get_mut() {
         DeValue::Table(below) => set(below, rest, value),
         _ => Err(key.clone()),
@@ -154,16 +152,17 @@ pub(super) fn refuse_infinite(value: &mut Tree<'_>, mistakes: &mut Vec<Diagnosti
         DeValue::Float(float) => {
             let finite = float.as_str().parse::<f64>().is_ok_and(f64::is_finite);
             if !finite {
-                let what = if float.as_str().contains(['n', 'i']) { "not a number to compute with" } else { "too large" };
+                let what =
+                    if float.as_str().contains(['n', 'i']) { "not a number to compute with" } else { "too large" };
                 let message = format!("`{}` is {what}", float.as_str());
                 mistakes.push(Diagnostic::at(span, message).help("write a finite number"));
             }
             finite
         }
         DeValue::Array(items) => {
-            let kept = std::mem::replace(items, toml::de::DeArray::new()).into_iter().filter_map(|mut item| {
-                refuse_infinite(&mut item, mistakes).then_some(item)
-            });
+            let kept = std::mem::replace(items, toml::de::DeArray::new())
+                .into_iter()
+                .filter_map(|mut item| refuse_infinite(&mut item, mistakes).then_some(item));
             *items = kept.collect();
             true
         }
@@ -177,9 +176,9 @@ pub(super) fn refuse_infinite(value: &mut Tree<'_>, mistakes: &mut Vec<Diagnosti
 
 /// Takes every number of a table away that is not finite, and reports it.
 pub(super) fn refuse_infinite_in(table: &mut DeTable<'_>, mistakes: &mut Vec<Diagnostic>) {
-    let kept = std::mem::take(table).into_iter().filter_map(|(key, mut value)| {
-        refuse_infinite(&mut value, mistakes).then_some((key, value))
-    });
+    let kept = std::mem::take(table)
+        .into_iter()
+        .filter_map(|(key, mut value)| refuse_infinite(&mut value, mistakes).then_some((key, value)));
     *table = kept.collect();
 }
 

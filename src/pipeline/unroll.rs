@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// More connections than any pipeline needs; they would fill the memory.
-const MAX_CONNECTIONS: usize = 20_000_000;
+const MAX_CONNECTIONS: usize = 10_000_000;
 
 /// The index of a cell.
 pub(super) type CellId = usize;
@@ -115,9 +115,9 @@ pub(super) fn cells(draft: &Draft<'_>, mistakes: &mut Vec<Diagnostic>) -> Option
 
 /// A pipeline of so many parts is refused before it is unrolled.
 pub(super) fn too_large(count: usize, what: &str, draft: &Draft<'_>) -> Diagnostic {
-    let shown = if count == usize::MAX { "more than can be counted".to_owned() } else { count.to_string() };
+    let shown = if count == usize::MAX { "more than can be counted".to_owned() } else { format!("at least {count}") };
     let limit = if what == "nodes" { MAX_NODES } else { MAX_CONNECTIONS };
-    let message = format!("the pipeline has too many {what}: {shown} and more, where {limit} are allowed");
+    let message = format!("the pipeline has too many {what}: {shown}, where {limit} are allowed");
     let longest = draft.axes.iter().max_by_key(|axis| axis.values.len());
     let longest = longest.filter(|axis| axis.values.len() > draft.rounds as usize);
     match (longest, &draft.rounds_span) {

@@ -37,8 +37,7 @@ fn round_mistake(
     match (giver.from, reference.which) {
         (None, Which::Same) => None,
         (None, _) => Some(
-            mistake(format!("`{text}` names a round, but `{name}` is not in the loop"))
-                .help(format!("write `{name}`")),
+            mistake(format!("`{text}` names a round, but `{name}` is not in the loop")).help(format!("write `{name}`")),
         ),
         (Some(_), Which::Round(round)) if round >= rounds => Some(
             mistake(format!("`{text}` does not exist: the loop has rounds 0 to {}", rounds.saturating_sub(1)))
@@ -97,7 +96,8 @@ fn missing(stage: &StageDraft<'_>, stages: &[StageDraft<'_>], kinds: &[Kind]) ->
     let left_out = required.filter(|port| stage.inputs.iter().all(|input| input.port.name != port.name));
     left_out
         .map(|port| {
-            let message = format!("stage `{}` lacks the input `{}`, which takes {}", stage.name, port.name, port.artifact);
+            let message =
+                format!("stage `{}` lacks the input `{}`, which takes {}", stage.name, port.name, port.artifact);
             let mistake = Diagnostic::at(stage.span.clone(), message);
             let givers = givers(port.artifact, stages, kinds);
             mistake.help(format!("write `inputs = {{ {} = \"…\" }}`; {givers}", port.name))

@@ -76,7 +76,10 @@ pub(super) fn of_serde(message: &str, span: Range<usize>, owner: &str, key: Opti
             continue;
         };
         let subject = key.map_or_else(|| owner.to_owned(), |key| format!("`{key}`"));
-        return Diagnostic::at(span, format!("{subject} takes {}, but is {}", plain_type(expected), plain_found(found)));
+        return Diagnostic::at(
+            span,
+            format!("{subject} takes {}, but is {}", plain_type(expected), plain_found(found)),
+        );
     }
     let text = message.lines().next().unwrap_or_default();
     Diagnostic::at(span, key.map_or_else(|| format!("{owner}: {text}"), |key| format!("`{key}`: {text}")))
@@ -117,7 +120,14 @@ fn plain_found(found: &str) -> String {
         "sequence" => "a list".to_owned(),
         other => match other.strip_prefix("string ").map(|text| text.trim_matches('"')) {
             Some(text) => format!("the text `{text}`"),
-            None => format!("the {}", other.replace(" as i128", "").replace(" as u128", "").replace("floating point", "fraction").replace("integer", "number")),
+            None => format!(
+                "the {}",
+                other
+                    .replace(" as i128", "")
+                    .replace(" as u128", "")
+                    .replace("floating point", "fraction")
+                    .replace("integer", "number")
+            ),
         },
     }
 }
