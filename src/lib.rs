@@ -2,6 +2,7 @@
 
 pub mod artifact;
 pub mod control;
+pub mod diag;
 pub mod env;
 pub mod lce;
 pub mod nn;
