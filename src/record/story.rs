@@ -29,7 +29,10 @@ impl Story {
     /// Where a node begins that starts now.
     pub(super) fn start(&self, point: &str) -> Offset {
         let before = |other: &str| point.is_empty() || other.is_empty() || other == point;
-        self.ends.iter().filter(|(other, _)| before(other)).fold(Offset::default(), |latest, (_, end)| latest.later(*end))
+        self.ends
+            .iter()
+            .filter(|(other, _)| before(other))
+            .fold(Offset::default(), |latest, (_, end)| latest.later(*end))
     }
 
     /// A node finished there.
