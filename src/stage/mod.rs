@@ -11,7 +11,7 @@ use serde_json::Value;
 
 use crate::{artifact::{Artifact, Files}, env::Task};
 
-pub use cx::{Host, StageCx};
+pub use cx::{Host, Interrupted, StageCx};
 pub use inputs::{Arity, InputFiles, Inputs, Port, PortField};
 #[allow(unused_imports)]
 pub(crate) use inputs::inputs;
