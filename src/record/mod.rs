@@ -1,5 +1,19 @@
 //! What a node did while it worked: an MCAP recording, and the Rerun view of it.
+//!
+//! A stage sees only the [`Recorder`]. The MCAP file it leaves is the record; every picture of it, live or next month,
+//! comes from reading that file, so both look the same. Nothing here can fail or change a run.
 
-/// The recording of one node.
-#[derive(Debug, Default)]
-pub struct Recorder {}
+mod canonical;
+mod frame;
+mod live;
+mod reader;
+mod recorder;
+mod schema;
+mod time;
+pub mod topic;
+mod wire;
+
+pub use frame::{Frame, Message};
+pub use reader::{Channel, Polled, RawMessage, Reader};
+pub use recorder::{Finished, Level, MapFrame, NodeInfo, Recorder, TrajectoryFrame};
+pub use time::At;
