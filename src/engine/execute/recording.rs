@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::{digest::Digest, engine::{key::Key, runs}, pipeline::Node, record::Recorder};
+use crate::{digest::Digest, engine::{key::Key, runs}, pipeline::Node, record::{NodeInfo, Recorder}};
 
 /// What is left of a recording when its node has finished.
 #[derive(Debug, Default)]
@@ -25,12 +25,23 @@ pub(super) fn link_name(node: &str) -> String {
     format!("{}.mcap", runs::file_name(node))
 }
 
-/// Starts a node's recording.
-pub(super) fn start(_run_dir: &Path, _node: &Node, _key: &Key) -> Recorder {
-    Recorder::default()
+/// Starts a node's recording. It carries the key, and nothing of the pipeline around the node but its name.
+pub(super) fn start(run_dir: &Path, node: &Node, key: &Key) -> Recorder {
+    let info = NodeInfo {
+        node: node.name.clone(),
+        kind: node.kind.name.to_owned(),
+        key: key.digest.to_string(),
+        round: node.round.unwrap_or(0),
+    };
+    Recorder::create(&run_dir.join(live_name(node)), &info)
 }
 
 /// Finishes it into the file `canonical`.
-pub(super) fn finish(_recorder: Recorder, _canonical: &Path) -> Recorded {
-    Recorded::default()
+pub(super) fn finish(recorder: Recorder, canonical: &Path) -> Recorded {
+    let finished = recorder.finish(canonical);
+    Recorded {
+        file: finished.path.zip(finished.messages_digest.map(Digest::from)),
+        secs: finished.spent.as_secs_f64(),
+        warning: finished.warning,
+    }
 }

@@ -101,7 +101,7 @@ impl<'a> Scheduler<'a> {
         thread::scope(|scope| -> anyhow::Result<()> {
             loop {
                 self.look_up_ready()?;
-                let jobs = self.next_jobs()?;
+                let (jobs, has_hits) = self.next_jobs()?;
                 for job in jobs {
                     self.begin(job.node)?;
                     let send = send.clone();
@@ -111,6 +111,9 @@ impl<'a> Scheduler<'a> {
                         // The scheduler only goes away when every worker has ended.
                         let _ = send.send((id, key, ended, secs));
                     });
+                }
+                if has_hits {
+                    continue; // What takes them may be looked up now.
                 }
                 if self.running.is_empty() && !self.may_start() {
                     return Ok(());
@@ -155,9 +158,9 @@ impl<'a> Scheduler<'a> {
         !is_stopping && self.status.iter().any(|status| matches!(status, Status::Ready(_)))
     }
 
-    /// Ready nodes whose key nobody else works on, as many as there is room for.
-    fn next_jobs(&mut self) -> anyhow::Result<Vec<Job<'a>>> {
-        let mut jobs = Vec::new();
+    /// Ready nodes whose key nobody else works on, as many as there is room for; and whether one has become a hit.
+    fn next_jobs(&mut self) -> anyhow::Result<(Vec<Job<'a>>, bool)> {
+        let (mut jobs, mut has_hits) = (Vec::new(), false);
         for id in 0..self.status.len() {
             if self.running.len() >= self.options.jobs.max(1) || !self.may_start() {
                 break;
@@ -171,7 +174,10 @@ impl<'a> Scheduler<'a> {
             // Another node or process may have made it since the plan was drawn up.
             let is_forced = self.is_forced(id, &key);
             match look_up(key, is_forced, self.store)? {
-                State::Hit(key, entry) => self.take_hit(id, &key, entry),
+                State::Hit(key, entry) => {
+                    self.take_hit(id, &key, entry);
+                    has_hits = true;
+                }
                 State::Stale(key, _) => {
                     let inputs = self.inputs(id);
                     self.running.insert(id, key.digest);
@@ -181,7 +187,7 @@ impl<'a> Scheduler<'a> {
                 State::Waiting(_) => {}
             }
         }
-        Ok(jobs)
+        Ok((jobs, has_hits))
     }
 
     fn inputs(&self, id: NodeId) -> Vec<(&'static str, Vec<(NodeId, Entry)>)> {
