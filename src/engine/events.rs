@@ -36,8 +36,10 @@ pub enum Event {
         /// What it does.
         kind: String,
         /// Its round.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
         round: Option<u32>,
         /// Where its recording grows, below the folder of the run.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
         recording: Option<String>,
     },
     /// How far a node is; at most a few times a second.
@@ -56,6 +58,7 @@ pub enum Event {
         /// Which.
         node: String,
         /// Its round.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
         round: Option<u32>,
         /// Of what.
         name: String,
@@ -83,18 +86,22 @@ pub enum Event {
         /// What it does.
         kind: String,
         /// Its round.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
         round: Option<u32>,
         /// How it ended.
         state: NodeState,
         /// How long it worked in this run.
         secs: f64,
         /// The content digest of its output.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
         digest: Option<Digest>,
         /// Its recording, below the folder of the run.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
         recording: Option<String>,
         /// Its key figures.
         figures: BTreeMap<String, f64>,
         /// What went wrong, with every cause.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
         error: Option<String>,
     },
     /// The last event of a run.
