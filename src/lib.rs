@@ -1,6 +1,8 @@
 //! carl-pipe: declarative, cached, replayable pipelines for control-aware representation learning from pixels.
 
 pub mod artifact;
+pub mod cli;
+pub mod diag;
 pub mod digest;
 pub mod engine;
 pub mod env;

@@ -1,3 +1,7 @@
 //! Arguments in, exit code out.
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    carl_pipe::cli::main(std::env::args_os().collect(), carl_pipe::stage::registry())
+}

@@ -1,8 +1,31 @@
 //! A pipeline file, read and unrolled: `text -> parse -> expand -> check` gives a [`Graph`] of nodes, or all mistakes.
 
+mod draft;
+mod expand;
+mod matrix;
+mod order;
+mod overrides;
+mod parse;
+mod params;
+mod reach;
+mod reference;
+mod stage_table;
+mod streams;
+mod tree;
+mod unroll;
+mod wiring;
+mod wording;
+
 use serde_json::Value;
 
-use crate::{env::Task, rng::Stream, stage::{Kind, Port}};
+use crate::{
+    diag::{Diagnostics, Sources},
+    env::Task,
+    rng::Stream,
+    stage::{Kind, Port},
+};
+
+pub use overrides::Overrides;
 
 /// The index of a node in [`Graph::nodes`].
 pub type NodeId = usize;
@@ -41,4 +64,41 @@ pub struct Node {
     pub inputs: Vec<(&'static Port, Vec<NodeId>)>,
     /// True for nodes of the last round and for stages outside of the loop: where results are read off.
     pub is_last: bool,
+}
+
+/// A pipeline file in memory.
+#[derive(Debug, Clone, Copy)]
+pub struct Source<'a> {
+    /// The path as messages show it.
+    pub path: &'a str,
+    /// What it holds.
+    pub bytes: &'a [u8],
+}
+
+/// Reads a pipeline file, changed by the command line, and unrolls it into nodes.
+///
+/// # Errors
+/// All mistakes of the file and the arguments at once; a syntax error alone stops the reading.
+pub fn load(source: &Source<'_>, overrides: &Overrides, kinds: &'static [Kind]) -> Result<Graph, Diagnostics> {
+    let mut sources = Sources::default();
+    sources.add(source.path, String::from_utf8_lossy(source.bytes));
+    for argument in overrides.shown() {
+        sources.add("<command line>", argument);
+    }
+    graph_of(source, &sources, kinds).map_err(|mistakes| Diagnostics::new(sources, mistakes))
+}
+
+fn graph_of(
+    source: &Source<'_>,
+    sources: &Sources,
+    kinds: &'static [Kind],
+) -> Result<Graph, Vec<crate::diag::Diagnostic>> {
+    let mut mistakes = Vec::new();
+    let mut document = parse::document(source.bytes, sources)?;
+    let arguments: Vec<(usize, &str)> = sources.texts().skip(1).collect();
+    let sweeps = overrides::apply(&mut document, &arguments, &mut mistakes);
+    let axes = matrix::written(&mut document, sweeps, &mut mistakes);
+    let ranges = matrix::ranges(&axes, &mut mistakes);
+    let mut draft = parse::draft(document, axes, &ranges, sources, kinds, &mut mistakes);
+    expand::graph(&mut draft, kinds, mistakes)
 }

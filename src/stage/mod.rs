@@ -12,7 +12,7 @@ use serde_json::Value;
 use crate::{artifact::{Artifact, Files}, env::Task};
 
 pub use cx::{Host, Interrupted, StageCx};
-pub use inputs::{Arity, InputFiles, Inputs, Port, PortField};
+pub use inputs::{Arity, InputFiles, Inputs, Port, PortField, load_port};
 #[allow(unused_imports)]
 pub(crate) use inputs::inputs;
 
@@ -111,6 +111,8 @@ pub struct Kind {
     pub schema: fn() -> schemars::Schema,
     /// Reads the table of a pipeline file only for its mistakes, which carry their exact place.
     pub try_table: fn(toml::de::ValueDeserializer<'_>) -> Result<(), toml::de::Error>,
+    /// Writes parameters the one way that equal values have: `7` for a float becomes `7.0`, keys take their order.
+    pub canonical: fn(&Value) -> Result<Value, serde_json::Error>,
     /// Reads explicit parameters and refuses those out of range.
     pub check: fn(&Value) -> Result<Vec<Refusal>, serde_json::Error>,
     /// Does the work: explicit parameters and verified files in, files out.
@@ -135,6 +137,7 @@ impl Kind {
             preset: |of| serde_json::to_value(S::Params::preset(of)).expect("parameters are plain data"),
             schema: || schemars::schema_for!(S::Params),
             try_table: |table| serde::Deserialize::deserialize(table).map(|_: S::Params| ()),
+            canonical: |params| serde_json::to_value(serde_json::from_value::<S::Params>(params.clone())?),
             check: |params| serde_json::from_value::<S::Params>(params.clone()).map(|params| params.check()),
             run: |params, inputs, cx| {
                 let params: S::Params = serde_json::from_value(params.clone())?;

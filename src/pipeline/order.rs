@@ -1,0 +1,83 @@
+//! An order in which every cell comes after those it takes from, round by round, or the circles that prevent one.
+
+use std::{
+    cmp::Reverse,
+    collections::{BTreeSet, BinaryHeap},
+};
+
+use super::{
+    draft::{Draft, StageDraft},
+    unroll::{Cell, CellId},
+};
+use crate::diag::Diagnostic;
+
+/// Orders the cells; reports each circle once.
+pub(super) fn order(cells: &[Cell], draft: &Draft<'_>, mistakes: &mut Vec<Diagnostic>) -> Vec<CellId> {
+    let mut takers: Vec<Vec<CellId>> = vec![Vec::new(); cells.len()];
+    let mut waits_for = vec![0_usize; cells.len()];
+    for (at, cell) in cells.iter().enumerate() {
+        for giver in cell.givers() {
+            takers[giver.cell].push(at);
+            waits_for[at] += 1;
+        }
+    }
+    // Of what is ready, the earliest round comes first, and within it the file's order.
+    let rank = |at: CellId| Reverse((cells[at].round.unwrap_or(0), cells[at].stage, at));
+    let mut ready: BinaryHeap<_> = (0..cells.len()).filter(|at| waits_for[*at] == 0).map(rank).collect();
+    let mut ordered = Vec::with_capacity(cells.len());
+    while let Some(Reverse((_, _, at))) = ready.pop() {
+        ordered.push(at);
+        for taker in &takers[at] {
+            waits_for[*taker] -= 1;
+            if waits_for[*taker] == 0 {
+                ready.push(rank(*taker));
+            }
+        }
+    }
+    if ordered.len() < cells.len() {
+        mistakes.extend(circles(cells, &waits_for, draft));
+    }
+    ordered
+}
+
+/// Each circle among the cells that still wait, named by its stages.
+fn circles(cells: &[Cell], waits_for: &[usize], draft: &Draft<'_>) -> Vec<Diagnostic> {
+    let mut walked = vec![false; cells.len()];
+    let mut known: BTreeSet<Vec<usize>> = BTreeSet::new();
+    let mut mistakes = Vec::new();
+    for start in (0..cells.len()).filter(|at| waits_for[*at] > 0) {
+        let mut path = Vec::new();
+        let mut at = start;
+        while !walked[at] {
+            walked[at] = true;
+            path.push(at);
+            // A cell that waits takes from one that waits, so the walk ends only where it was before.
+            let Some(next) = cells[at].givers().find(|giver| waits_for[giver.cell] > 0) else { break };
+            at = next.cell;
+        }
+        let Some(begin) = path.iter().position(|on_path| *on_path == at) else { continue };
+        let stages: Vec<usize> = path[begin..].iter().map(|cell| cells[*cell].stage).collect();
+        let mut members = stages.clone();
+        members.sort_unstable();
+        members.dedup();
+        if known.insert(members) {
+            mistakes.push(circle(&stages, &draft.stages));
+        }
+    }
+    mistakes
+}
+
+fn circle(members: &[usize], stages: &[StageDraft<'_>]) -> Diagnostic {
+    // The member that comes first in the file begins the sentence.
+    let begin = members.iter().enumerate().min_by_key(|(_, stage)| **stage).map_or(0, |(at, _)| at);
+    let turned = members[begin..].iter().chain(&members[..begin]);
+    let names: Vec<String> = turned.map(|stage| format!("`{}`", stages[*stage].name)).collect();
+    let (taker, giver) = (&stages[members[begin]], members[(begin + 1) % members.len()]);
+    let reference = taker.inputs.iter().flat_map(|input| &input.references).find(|one| one.stage == giver);
+    let span = reference.map_or(taker.span.clone(), |reference| reference.span.clone());
+    let message = match names.as_slice() {
+        [alone] => format!("stage {alone} takes its own result"),
+        names => format!("stages take from each other in a circle: {} takes from {}", names.join(" takes from "), names[0]),
+    };
+    Diagnostic::at(span, message).help("take from the round before with `@prev`, or break the circle")
+}

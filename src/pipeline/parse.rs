@@ -1,0 +1,214 @@
+//! Text to [`Draft`]: the top level of a pipeline file.
+
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue, ValueDeserializer},
+};
+
+use super::{
+    draft::{Draft, TaskTable},
+    matrix::{self, WrittenAxis},
+    stage_table,
+    tree::{Key, Tree, refuse_infinite_in, to_json},
+    wording::instead,
+};
+use crate::{
+    diag::{Diagnostic, Sources, Span, line_and_column},
+    stage::{Kind, Preset},
+};
+
+/// The version of the file format.
+const SCHEMA: i64 = 1;
+/// What a file may hold at its top level.
+const KEYS: [&str; 9] = ["schema", "name", "description", "seed", "preset", "task", "loop", "stages", "matrix"];
+/// Names that paths of axes and of `-S` mean otherwise.
+const RESERVED: [&str; 4] = ["seed", "preset", "task", "rounds"];
+/// Beyond this a file is no pipeline.
+const MAX_BYTES: usize = 4 << 20;
+
+/// The TOML of a file with its places; numbers that are not finite are gone and reported later.
+pub(super) fn document<'i>(bytes: &[u8], sources: &'i Sources) -> Result<DeTable<'i>, Vec<Diagnostic>> {
+    if let Err(error) = std::str::from_utf8(bytes) {
+        let at = error.valid_up_to();
+        let line = line_and_column(&String::from_utf8_lossy(&bytes[..at]), at).0;
+        let mistake = Diagnostic::at(at..at + 1, format!("not UTF-8: byte {at} (0x{:02x}), in line {line}", bytes[at]));
+        return Err(vec![mistake.help("save the file as UTF-8 text")]);
+    }
+    let text = sources.texts().next().map_or("", |(_, text)| text);
+    if text.trim().is_empty() {
+        return Err(vec![Diagnostic::at(0..0, "the file is empty").help("begin with `schema = 1` and `name = \"…\"`")]);
+    }
+    if text.len() > MAX_BYTES {
+        return Err(vec![Diagnostic::general(format!("the file is too large: {} bytes", text.len()))]);
+    }
+    let parsed = DeTable::parse(text).map_err(|error| {
+        let span = error.span().unwrap_or(0..0);
+        vec![Diagnostic::at(span, error.message().lines().next().unwrap_or_default())]
+    })?;
+    Ok(parsed.into_inner())
+}
+
+/// Reads the top level, and everything below it.
+pub(super) fn draft<'i>(
+    mut document: DeTable<'i>,
+    axes: Vec<WrittenAxis<'i>>,
+    ranges: &'i [Option<String>],
+    sources: &Sources,
+    kinds: &'static [Kind],
+    mistakes: &mut Vec<Diagnostic>,
+) -> Draft<'i> {
+    refuse_infinite_in(&mut document, mistakes);
+    for key in document.keys().filter(|key| !KEYS.contains(&key.get_ref().as_ref())) {
+        mistakes.push(unknown_key(key, &document));
+    }
+    check_schema(document.remove("schema"), mistakes);
+    let name = text_of(document.remove("name"), "name", mistakes);
+    if let Some((name, span)) = &name {
+        check_name(name, span, "pipeline", mistakes);
+    }
+    let description = text_of(document.remove("description"), "description", mistakes);
+    let seed = typed(document.remove("seed"), "seed", mistakes).unwrap_or(0);
+    let preset = typed(document.remove("preset"), "preset", mistakes).unwrap_or(Preset::Recipe);
+    let (task, task_span) = match table_of(document.remove("task"), "task", mistakes) {
+        Some(found) => found,
+        None => (DeTable::new(), 0..0),
+    };
+    let rounds = rounds_of(document.remove("loop"), mistakes);
+    let tables = stage_tables(document.remove("stages"), mistakes);
+    let stages = stage_table::read(tables, rounds, kinds, mistakes);
+    let axes = matrix::read(axes, ranges, sources, &stages, mistakes);
+    Draft {
+        name: name.unwrap_or_default().0,
+        description: description.unwrap_or_default().0,
+        seed,
+        preset,
+        task: TaskTable { table: task, span: task_span },
+        rounds: rounds.unwrap_or(0),
+        stages,
+        axes,
+    }
+}
+
+fn unknown_key(key: &Key<'_>, document: &DeTable<'_>) -> Diagnostic {
+    let name = key.get_ref().as_ref();
+    let mistake = Diagnostic::at(key.span(), format!("a pipeline has no `{name}`"));
+    let looks_like_stage = matches!(document.get(name).map(Spanned::get_ref),
+        Some(DeValue::Table(table)) if table.contains_key("kind"));
+    if looks_like_stage {
+        return mistake.help(format!("a stage is written `[stages.{name}]`"));
+    }
+    mistake.help(instead(name, "a pipeline has", KEYS))
+}
+
+fn check_schema(value: Option<Tree<'_>>, mistakes: &mut Vec<Diagnostic>) {
+    let help = format!("write `schema = {SCHEMA}`");
+    match value {
+        None => mistakes.push(Diagnostic::at(0..0, "the file does not say its `schema`").help(help)),
+        Some(value) if to_json(value.get_ref()) == SCHEMA => {}
+        Some(value) => {
+            let shown = to_json(value.get_ref());
+            let mistake = Diagnostic::at(value.span(), format!("schema `{shown}` is not one this version reads"));
+            mistakes.push(mistake.help(help));
+        }
+    }
+}
+
+/// A name must fit into references, node names and file names.
+pub(super) fn check_name(name: &str, span: &Span, what: &str, mistakes: &mut Vec<Diagnostic>) {
+    if name.is_empty() || !name.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-')) {
+        let mistake = Diagnostic::at(span.clone(), format!("`{name}` is no name for a {what}"));
+        mistakes.push(mistake.help("a name holds letters a to z, digits, `_` and `-`"));
+    } else if what == "stage" && RESERVED.contains(&name) {
+        let mistake = Diagnostic::at(span.clone(), format!("a stage cannot be called `{name}`"));
+        mistakes.push(mistake.help(format!("`-S {name}=…` would mean two things; choose another name")));
+    }
+}
+
+fn text_of(value: Option<Tree<'_>>, key: &str, mistakes: &mut Vec<Diagnostic>) -> Option<(String, Span)> {
+    let Some(value) = value else {
+        if key == "name" {
+            let mistake = Diagnostic::at(0..0, "the pipeline has no `name`");
+            mistakes.push(mistake.help("write `name = \"planar_online\"`"));
+        }
+        return None;
+    };
+    let span = value.span();
+    typed(Some(value), key, mistakes).map(|text| (text, span))
+}
+
+/// A value of a type that serde knows.
+pub(super) fn typed<T: serde::de::DeserializeOwned>(
+    value: Option<Tree<'_>>,
+    key: &str,
+    mistakes: &mut Vec<Diagnostic>,
+) -> Option<T> {
+    let value = value?;
+    let span = value.span();
+    match T::deserialize(ValueDeserializer::from(value)) {
+        Ok(value) => Some(value),
+        Err(error) => {
+            mistakes.push(super::wording::of_serde(error.message(), span, "the pipeline", Some(key)));
+            None
+        }
+    }
+}
+
+/// A table and its place.
+pub(super) fn table_of<'i>(
+    value: Option<Tree<'i>>,
+    key: &str,
+    mistakes: &mut Vec<Diagnostic>,
+) -> Option<(DeTable<'i>, Span)> {
+    let value = value?;
+    let span = value.span();
+    match value.into_inner() {
+        DeValue::Table(table) => Some((table, span)),
+        other => {
+            let message = format!("`{key}` takes a table, but is a {}", other.type_str());
+            mistakes.push(Diagnostic::at(span, message));
+            None
+        }
+    }
+}
+
+fn rounds_of(value: Option<Tree<'_>>, mistakes: &mut Vec<Diagnostic>) -> Option<u32> {
+    let (mut table, span) = table_of(value, "loop", mistakes)?;
+    let rounds = table.remove("rounds");
+    for key in table.keys() {
+        let message = format!("`[loop]` has no `{}`", key.get_ref());
+        mistakes.push(Diagnostic::at(key.span(), message).help("a loop has: rounds"));
+    }
+    let Some(rounds) = rounds else {
+        mistakes.push(Diagnostic::at(span, "`[loop]` needs `rounds`").help("write `rounds = 17`"));
+        return Some(1);
+    };
+    let at = rounds.span();
+    match typed::<u32>(Some(rounds), "rounds", mistakes) {
+        Some(0) => {
+            mistakes.push(Diagnostic::at(at, "a loop has at least one round").help("write `rounds = 1` or more"));
+            Some(1)
+        }
+        // A mistake is reported already; one round lets the other checks go on.
+        other => Some(other.unwrap_or(1)),
+    }
+}
+
+fn stage_tables<'i>(
+    value: Option<Tree<'i>>,
+    mistakes: &mut Vec<Diagnostic>,
+) -> Vec<(Key<'i>, Span, DeTable<'i>)> {
+    let missing = value.is_none();
+    let stages = table_of(value, "stages", mistakes).map(|(table, _)| table).unwrap_or_default();
+    if missing || stages.is_empty() {
+        let mistake = Diagnostic::at(0..0, "the pipeline has no stages");
+        mistakes.push(mistake.help("write `[stages.name]` with `kind = \"…\"`"));
+    }
+    let mut tables = Vec::new();
+    for (key, value) in stages {
+        check_name(key.get_ref(), &key.span(), "stage", mistakes);
+        if let Some((table, span)) = table_of(Some(value), key.get_ref(), mistakes) {
+            tables.push((key, span, table));
+        }
+    }
+    tables
+}
