@@ -1,7 +1,8 @@
 //! Arguments in, exit code out.
 
-use std::process::ExitCode;
+use std::{ffi::OsString, process::ExitCode};
 
 fn main() -> ExitCode {
-    carl_pipe::cli::main(std::env::args_os().collect(), carl_pipe::stage::registry())
+    let argv: Vec<OsString> = std::env::args_os().collect();
+    carl_pipe::cli::main(&argv, carl_pipe::stage::registry()).into()
 }

@@ -5,7 +5,13 @@ use super::{
     file::{self, PipelineArgs},
     out::{self, Colour},
 };
-use crate::{pipeline, stage::Kind};
+use crate::stage::Kind;
+use stub as pipeline;
+mod stub {
+    pub(super) fn dag_text(_: &crate::pipeline::Graph) -> String { String::new() }
+    pub(super) fn dag_mermaid(_: &crate::pipeline::Graph) -> String { String::new() }
+    pub(super) fn stages_text(_: &[&crate::stage::Kind]) -> String { String::new() }
+}
 
 /// The arguments of `dag`.
 #[derive(Debug, clap::Args)]

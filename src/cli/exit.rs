@@ -1,7 +1,5 @@
 //! How the program ends: a documented code, and an error in one shape.
 
-use std::process::ExitCode;
-
 use crate::engine::store::Busy;
 
 /// The exit codes.
@@ -22,12 +20,6 @@ pub(crate) enum Exit {
 /// Ends of the help text that say what the codes mean.
 pub(crate) const CODES: &str = "Exit codes: 0 ok, 1 a stage failed, 2 usage, 3 pipeline file invalid, 4 store or system \
 error, 6 replay differs, 7 store busy, 10 status: stale, 130 interrupted (run the same command again)";
-
-impl From<Exit> for ExitCode {
-    fn from(exit: Exit) -> Self {
-        Self::from(exit as u8)
-    }
-}
 
 /// What stops the program: a clause, and perhaps the next step.
 #[derive(Debug)]

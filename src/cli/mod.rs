@@ -4,6 +4,7 @@ mod dag;
 mod exit;
 mod file;
 mod gc;
+mod live;
 mod log;
 mod out;
 mod progress;
@@ -15,7 +16,7 @@ mod summary;
 mod view;
 mod why;
 
-use std::{ffi::OsString, path::PathBuf, process::ExitCode};
+use std::{ffi::OsString, path::PathBuf};
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
@@ -46,19 +47,21 @@ struct Cli {
 #[derive(Debug, clap::Args)]
 pub(crate) struct Global {
     /// Where results and runs are kept.
-    #[arg(long, global = true, value_name = "DIR", env = "CARL_ARTIFACTS", default_value = "artifacts")]
+    #[arg(long, value_name = "DIR", env = "CARL_ARTIFACTS", hide_env_values = true, default_value = "artifacts")]
+    #[arg(global = true, help_heading = "Everywhere")]
     artifacts: PathBuf,
-    /// When to colour.
-    #[arg(long, global = true, value_name = "WHEN", default_value = "auto", value_enum, env = "CARL_COLOR")]
+    /// When to colour: auto, always or never; auto also heeds NO_COLOR.
+    #[arg(long, value_name = "WHEN", default_value = "auto", value_enum, env = "CARL_COLOR", hide_env_values = true)]
+    #[arg(global = true, help_heading = "Everywhere", hide_possible_values = true)]
     color: Colour,
     /// Say less: only results, warnings and errors.
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    #[arg(short, long, global = true, help_heading = "Everywhere", conflicts_with = "verbose")]
     quiet: bool,
     /// Say more: every node on a line of its own.
-    #[arg(short, long, global = true)]
+    #[arg(short, long, global = true, help_heading = "Everywhere")]
     verbose: bool,
     /// Run as if started in this folder.
-    #[arg(short = 'C', long = "directory", global = true, value_name = "DIR")]
+    #[arg(short = 'C', long = "directory", global = true, help_heading = "Everywhere", value_name = "DIR")]
     directory: Option<PathBuf>,
 }
 
@@ -97,23 +100,24 @@ enum Verb {
     },
 }
 
-/// Runs the program with the given arguments and kinds of stages.
-pub fn main(argv: Vec<OsString>, kinds: &'static [Kind]) -> ExitCode {
-    let cli = match Cli::try_parse_from(&argv) {
+/// Runs the program with the given arguments and kinds of stages; returns its exit code.
+pub fn main(argv: &[OsString], kinds: &'static [Kind]) -> u8 {
+    exit_of(argv, kinds) as u8
+}
+
+fn exit_of(argv: &[OsString], kinds: &'static [Kind]) -> Exit {
+    let cli = match Cli::try_parse_from(argv) {
         Ok(cli) => cli,
         Err(error) => {
             let _ = error.print();
-            return if error.use_stderr() { Exit::Usage.into() } else { Exit::Ok.into() };
+            return if error.use_stderr() { Exit::Usage } else { Exit::Ok };
         }
     };
     let colour = cli.global.color;
-    match start(cli, &argv, kinds) {
-        Ok(exit) => exit.into(),
-        Err(error) => {
-            report(&error, colour);
-            error.exit.into()
-        }
-    }
+    start(cli, argv, kinds).unwrap_or_else(|error| {
+        report(&error, colour);
+        error.exit
+    })
 }
 
 fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Error> {
@@ -146,7 +150,7 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
 fn report(error: &Error, colour: Colour) {
     let paint = colour.on_stderr();
     match &error.text {
-        Message::Clause(text) => out::note(&format!("{} {text}", paint.red("error:"))),
+        Message::Clause(text) => out::note(&format!("{} {}", paint.red("error:"), out::tidy(text))),
         Message::Rendered(text) => out::note(text.trim_end()),
     }
     if let Some(help) = &error.help {

@@ -16,6 +16,16 @@ pub(crate) fn line(text: &str) {
     print(&format!("{text}\n"));
 }
 
+/// Leaves out the numbers that the system gives its errors.
+pub(crate) fn tidy(text: &str) -> String {
+    let mut words = text.split(" (os error ");
+    let mut tidy = words.next().unwrap_or_default().to_owned();
+    for rest in words {
+        tidy.push_str(rest.split_once(')').map_or("", |(_, rest)| rest));
+    }
+    tidy
+}
+
 /// Writes a line to standard error.
 pub(crate) fn note(text: &str) {
     let _ = writeln!(io::stderr().lock(), "{text}");
@@ -78,10 +88,6 @@ impl Paint {
 
     pub(crate) fn yellow(self, text: &str) -> String {
         self.with("33", text)
-    }
-
-    pub(crate) fn cyan(self, text: &str) -> String {
-        self.with("1;36", text)
     }
 }
 

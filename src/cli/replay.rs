@@ -28,13 +28,13 @@ pub(crate) struct Args {
     #[arg(value_name = "RUN", default_value = "latest")]
     run: String,
     /// How many nodes may run at once.
-    #[arg(short, long, value_name = "N", env = "CARL_JOBS")]
+    #[arg(short, long, value_name = "N", env = "CARL_JOBS", hide_env_values = true)]
     jobs: Option<usize>,
     /// One JSON object.
     #[arg(long)]
     json: bool,
-    /// How to show progress.
-    #[arg(long, value_name = "HOW", default_value = "auto", value_enum)]
+    /// How to show progress: auto, bar, plain or none.
+    #[arg(long, value_name = "HOW", default_value = "auto", value_enum, hide_possible_values = true)]
     progress: How,
 }
 

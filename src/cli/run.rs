@@ -1,11 +1,12 @@
 //! `carl-pipe run`: makes what is not up to date, shows it while it happens, and says where to look next.
 
-use std::{ffi::OsString, path::{Path, PathBuf}, process::{Command, Stdio}, sync::Mutex};
+use std::ffi::OsString;
 
 use super::{
     Global,
     exit::{Error, Exit},
     file::{self, PipelineArgs},
+    live::LiveView,
     out,
     progress::{self, Progress},
     status,
@@ -17,7 +18,6 @@ use crate::{
         events::{Event, Listener, RunState},
         execute::{self, Options, Order},
         plan::{Force, plan},
-        store::Store,
         why::History,
     },
     pipeline::Graph,
@@ -44,7 +44,7 @@ pub(crate) struct Args {
     #[arg(short = 'n', long)]
     dry_run: bool,
     /// How many nodes may run at once; one that runs alone uses all cores anyway.
-    #[arg(short, long, value_name = "N", env = "CARL_JOBS", value_parser = jobs)]
+    #[arg(short, long, value_name = "N", env = "CARL_JOBS", hide_env_values = true, value_parser = jobs)]
     jobs: Option<usize>,
     /// Go on with independent nodes after a failure.
     #[arg(short, long)]
@@ -53,13 +53,13 @@ pub(crate) struct Args {
     #[arg(short, long, value_name = "STAGE", num_args = 0..=1, require_equals = true, default_missing_value = "")]
     force: Vec<String>,
     /// Watch it live: spawn, connect[=URL], serve[=PORT] or save=FILE.
-    #[arg(long, value_name = "SINK", num_args = 0..=1, default_missing_value = "spawn")]
-    rerun: Option<Sink>,
+    #[arg(long, value_name = "SINK", value_parser = sink)]
+    rerun: Option<String>,
     /// Events as lines of JSON on standard output; the last line sums up.
     #[arg(long)]
     json: bool,
-    /// How to show progress.
-    #[arg(long, value_name = "HOW", default_value = "auto", value_enum)]
+    /// How to show progress: auto (bars on a terminal, else lines; nothing beside `--json`), bar, plain or none.
+    #[arg(long, value_name = "HOW", default_value = "auto", value_enum, hide_possible_values = true)]
     progress: progress::How,
 }
 
@@ -69,6 +69,11 @@ fn jobs(text: &str) -> Result<usize, String> {
         _ if text == "auto" => Ok(Options::default().jobs),
         _ => Err("must be a number above 0, or `auto`".to_owned()),
     }
+}
+
+/// Refuses a sink now rather than in the live view.
+fn sink(text: &str) -> Result<String, String> {
+    text.parse::<Sink>().map(|_| text.to_owned())
 }
 
 /// Runs a pipeline.
@@ -93,7 +98,7 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
     let audience = Audience {
         progress: progress::new(args.progress.resolve(args.json, global.quiet), global, stop),
         json: args.json,
-        viewer: args.rerun.clone().map(|sink| Viewer::new(sink, &store)),
+        view: args.rerun.clone().map(|sink| LiveView::new(sink, &store)),
     };
     let report = execute::run(&store, &order, &options, &audience)?;
     audience.progress.close();
@@ -127,7 +132,7 @@ fn force(graph: &Graph, names: &[String]) -> Result<Force, Error> {
 struct Audience {
     progress: Box<dyn Progress>,
     json: bool,
-    viewer: Option<Viewer>,
+    view: Option<LiveView>,
 }
 
 impl Listener for Audience {
@@ -138,47 +143,8 @@ impl Listener for Audience {
             out::line(&line);
         }
         self.progress.hear(event);
-        if let (Some(viewer), Event::RunStarted { run, .. }) = (&self.viewer, event)
-            && let Some(warning) = viewer.start(run)
-        {
+        if let Some(warning) = self.view.as_ref().and_then(|view| view.hear(event)) {
             self.progress.hear(&Event::Warning { node: None, text: warning });
-        }
-    }
-}
-
-/// The live view: a process of its own, so that a viewer that hangs or dies cannot touch the run.
-struct Viewer {
-    sink: String,
-    artifacts: PathBuf,
-    log: Mutex<Option<PathBuf>>,
-}
-
-impl Viewer {
-    fn new(sink: Sink, store: &Store) -> Self {
-        Self { sink: sink.to_string(), artifacts: store.root().to_owned(), log: Mutex::new(None) }
-    }
-
-    /// Starts it in its own process group; it ends by itself when the run does. Returns what went wrong.
-    fn start(&self, run: &str) -> Option<String> {
-        use std::os::unix::process::CommandExt as _;
-        let log = self.artifacts.join("runs").join(run).join("view.log");
-        let child = std::fs::File::create(&log).and_then(|log| {
-            let errors = log.try_clone()?;
-            Command::new(std::env::current_exe().unwrap_or_else(|_| Path::new("carl-pipe").to_owned()))
-                .args(["view", "--follow", run, "--rerun", &self.sink, "--artifacts"])
-                .arg(&self.artifacts)
-                .stdin(Stdio::null())
-                .stdout(log)
-                .stderr(errors)
-                .process_group(0)
-                .spawn()
-        });
-        match child {
-            Ok(_) => {
-                *self.log.lock().unwrap_or_else(std::sync::PoisonError::into_inner) = Some(log);
-                None
-            }
-            Err(error) => Some(format!("no live view: cannot start it: {error}")),
         }
     }
 }

@@ -131,7 +131,7 @@ fn closing(report: &Report, paint: Paint) -> String {
 }
 
 fn failure(node: &NodeReport, report: &Report, graph: &Graph, paint: Paint) -> String {
-    let text = node.failure.as_ref().map_or("", |failure| failure.text.as_str());
+    let text = node.failure.as_ref().map_or_else(String::new, |failure| out::tidy(&failure.text));
     let kind = graph.nodes.iter().find(|it| it.name == node.name).map_or("", |it| it.kind.name);
     let mut lines = vec![format!("{} {} ({kind}) failed: {text}", paint.red("error:"), node.name)];
     let recording = report.path.join("live").join(format!("{}.mcap", crate::engine::runs::file_name(&node.name)));
