@@ -6,8 +6,10 @@ pub mod diag;
 pub mod digest;
 pub mod engine;
 pub mod env;
+pub mod lce;
 pub mod nn;
 pub mod pipeline;
+
 pub mod record;
 pub mod rng;
 pub mod stage;

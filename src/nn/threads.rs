@@ -1,6 +1,9 @@
 //! A node's share of the cores.
 
-use std::sync::{Arc, atomic::{AtomicUsize, Ordering}};
+use std::sync::{
+    Arc,
+    atomic::{AtomicUsize, Ordering},
+};
 
 /// How many threads a computation may use right now. The engine may change it at any time, since no result depends
 /// on it.
@@ -22,4 +25,13 @@ impl Threads {
     pub fn set(&self, count: usize) {
         self.0.store(count.max(1), Ordering::Relaxed);
     }
+}
+
+/// Does both pieces of work: at once where `threads` allows, else one after the other.
+pub fn join<A: Send, B: Send>(
+    threads: usize,
+    a: impl FnOnce() -> A + Send,
+    b: impl FnOnce() -> B + Send,
+) -> (A, B) {
+    if threads > 1 { rayon::join(a, b) } else { (a(), b()) }
 }

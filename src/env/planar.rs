@@ -1,0 +1,162 @@
+//! Planar navigation: a point among six obstacles, seen from above (paper, appendix "Planar System").
+//!
+//! Dynamics and pictures follow the public PCC implementation to the bit; starts, goals and their radius the paper.
+
+use super::Environment;
+use crate::{nn::noise, rng::Rng};
+
+const SIDE: usize = 40;
+const LOW: f64 = 1.5;
+const HIGH: f64 = 38.5;
+const MAX_STEP: f64 = 3.0;
+/// Centres (row, column) of the obstacles.
+const OBSTACLES: [[f64; 2]; 6] = [[20.5, 5.5], [20.5, 13.5], [20.5, 27.5], [20.5, 35.5], [10.5, 20.5], [30.5, 20.5]];
+/// Half the side of the box around an obstacle's centre that stops the agent, smaller than its picture.
+const OBSTACLE_REACH: f64 = 1.5;
+
+/// The planar system. State: (row, column) in \[1.5, 38.5\]²; action: displacement, each component within ±3.
+#[derive(Debug, Clone, Copy)]
+pub struct Planar {
+    /// Standard deviation of the process noise.
+    pub noise: f64,
+}
+
+impl Planar {
+    /// Inside the walls and outside the obstacles.
+    pub fn is_valid(state: &[f64]) -> bool {
+        state.iter().all(|x| (LOW..=HIGH).contains(x))
+            && !OBSTACLES.iter().any(|o| state.iter().zip(o).all(|(x, o)| (x - o).abs() <= OBSTACLE_REACH))
+    }
+
+    /// The noise-free next state: only the end point is tested, and a blocked move stays where it was.
+    pub fn dynamics(state: &[f64], action: &[f64]) -> [f64; 2] {
+        let moved = [0, 1].map(|i| (state[i] + action[i].clamp(-MAX_STEP, MAX_STEP)).clamp(LOW, HIGH));
+        if Self::is_valid(&moved) { moved } else { [state[0], state[1]] }
+    }
+}
+
+impl Environment for Planar {
+    fn picture_size(&self) -> (usize, usize) {
+        (SIDE, SIDE)
+    }
+
+    fn action_limit(&self) -> &'static [f64] {
+        &[MAX_STEP, MAX_STEP]
+    }
+
+    fn latent_dim(&self) -> usize {
+        2
+    }
+
+    fn horizon(&self) -> usize {
+        40
+    }
+
+    fn step(&self, state: &[f64], action: &[f64], rng: &mut Rng) -> Vec<f64> {
+        let mut next = Self::dynamics(state, action);
+        if self.noise > 0.0 {
+            let mut epsilon = [0.0; 2];
+            noise::fill_normal(rng, &mut epsilon);
+            // As in the reference, the obstacles are not tested again.
+            next = [0, 1].map(|i| (next[i] + self.noise * epsilon[i]).clamp(LOW, HIGH));
+        }
+        next.to_vec()
+    }
+
+    fn render(&self, state: &[f64], picture: &mut [u8]) {
+        picture.fill(0);
+        for [row, column] in OBSTACLES.map(|o| o.map(|x| x as usize)) {
+            for (r, c) in (0..5).flat_map(|r| (0..5).map(move |c| (r, c))) {
+                let corner = (r == 0 || r == 4) && (c == 0 || c == 4);
+                if !corner {
+                    picture[(row + r - 2) * SIDE + column + c - 2] = 255;
+                }
+            }
+        }
+        let [row, column] = [0, 1].map(|i| state[i].round_ties_even() as usize);
+        for (r, c) in [(row - 1, column - 1), (row - 1, column), (row, column - 1), (row, column)] {
+            picture[r * SIDE + c] = 255;
+        }
+    }
+
+    fn sample_state(&self, rng: &mut Rng) -> Vec<f64> {
+        loop {
+            let state = [(); 2].map(|()| f64::from(noise::uniform(rng, LOW as f32, HIGH as f32)));
+            if Self::is_valid(&state) {
+                return state.to_vec();
+            }
+        }
+    }
+
+    fn sample_start(&self, rng: &mut Rng) -> Vec<f64> {
+        [(); 2].map(|()| f64::from(noise::uniform(rng, 3.0, 7.0))).to_vec()
+    }
+
+    fn goals(&self) -> Vec<Vec<f64>> {
+        vec![vec![37.0, 37.0], vec![37.0, 3.0], vec![3.0, 37.0]]
+    }
+
+    fn at_goal(&self, state: &[f64], goal: &[f64], radius: f64) -> bool {
+        let [dr, dc] = [0, 1].map(|i| state[i] - goal[i]);
+        (dr * dr + dc * dc).sqrt() <= radius
+    }
+
+    fn goal_radius(&self) -> f64 {
+        5.0
+    }
+
+    fn map_states(&self) -> Vec<(Vec<f64>, [usize; 2])> {
+        let grid = (2..=38).flat_map(|r| (2..=38).map(move |c| [r, c]));
+        grid.map(|[r, c]| (vec![r as f64, c as f64], [r - 2, c - 2])).filter(|(s, _)| Self::is_valid(s)).collect()
+    }
+
+    fn place(&self, state: &[f64]) -> [f32; 2] {
+        [0, 1].map(|i| (state[i] / SIDE as f64) as f32)
+    }
+
+    fn ceiling(&self) -> f64 {
+        78.87
+    }
+
+    fn paper_online(&self) -> f64 {
+        68.03
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+
+    use super::*;
+
+    #[test]
+    fn there_are_1273_valid_grid_states() {
+        assert_eq!(Planar { noise: 0.0 }.map_states().len(), 1273);
+    }
+
+    #[test]
+    fn a_picture_has_at_most_130_lit_pixels() {
+        let planar = Planar { noise: 0.0 };
+        for (state, _) in planar.map_states() {
+            let lit = planar.picture(&state).iter().filter(|&&p| p == 255).count();
+            assert!((126..=130).contains(&lit), "{state:?}: {lit}");
+        }
+    }
+
+    #[test]
+    fn greedy_motion_reaches_the_ceiling() {
+        let planar = Planar { noise: 0.0 };
+        let mut rng = Rng::seed_from_u64(0);
+        let (mut hits, mut steps) = (0, 0);
+        for goal in planar.goals().iter().cycle().take(300) {
+            let mut state = planar.sample_start(&mut rng);
+            for _ in 0..=planar.horizon() {
+                state = planar.step(&state, &[goal[0] - state[0], goal[1] - state[1]], &mut rng);
+                hits += u32::from(planar.at_goal(&state, goal, planar.goal_radius()));
+                steps += 1;
+            }
+        }
+        let percent = 100.0 * f64::from(hits) / f64::from(steps);
+        assert!((percent - planar.ceiling()).abs() < 0.5, "{percent}");
+    }
+}

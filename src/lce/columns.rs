@@ -1,0 +1,88 @@
+//! Batches cut into runs of samples: all buffers of a training step, cut at the same sample.
+
+use crate::nn::{Real, mlp::PassMut};
+
+/// A buffer with the same number of entries for every sample.
+#[derive(Debug, Clone)]
+pub(super) struct Block<T> {
+    width: usize,
+    /// All entries, sample by sample.
+    pub(super) data: Vec<T>,
+}
+
+impl<T: Real> Block<T> {
+    pub(super) fn new(width: usize, samples: usize) -> Self {
+        Self { width, data: vec![T::nil(); width * samples] }
+    }
+
+    /// The first `samples` samples.
+    pub(super) fn view(&mut self, samples: usize) -> BlockMut<'_, T> {
+        BlockMut { width: self.width, data: &mut self.data[..self.width * samples] }
+    }
+}
+
+/// Some samples of a [`Block`].
+#[derive(Debug)]
+pub(super) struct BlockMut<'a, T> {
+    width: usize,
+    pub(super) data: &'a mut [T],
+}
+
+impl<T> BlockMut<'_, T> {
+    /// The entries of one sample.
+    pub(super) fn of(&mut self, sample: usize) -> &mut [T] {
+        &mut self.data[sample * self.width..][..self.width]
+    }
+}
+
+/// Buffers that can be cut at a sample.
+pub(super) trait Cut: Sized {
+    fn cut(self, samples: usize) -> (Self, Self);
+}
+
+impl<T> Cut for BlockMut<'_, T> {
+    fn cut(self, samples: usize) -> (Self, Self) {
+        let (left, right) = self.data.split_at_mut(samples * self.width);
+        (Self { width: self.width, data: left }, Self { width: self.width, data: right })
+    }
+}
+
+impl<T: Real, const L: usize> Cut for PassMut<'_, T, L> {
+    fn cut(self, samples: usize) -> (Self, Self) {
+        self.split_at(samples)
+    }
+}
+
+/// Declares a struct of buffers that are cut together.
+macro_rules! cut_together {
+    ($(#[$meta:meta])* $vis:vis struct $name:ident<$life:lifetime, T> { $( $field:ident : $ty:ty ),* $(,)? }) => {
+        $(#[$meta])*
+        $vis struct $name<$life, T> { $( $field: $ty ),* }
+
+        impl<T: $crate::nn::Real> $crate::lce::columns::Cut for $name<'_, T> {
+            fn cut(self, samples: usize) -> (Self, Self) {
+                $( let $field = $crate::lce::columns::Cut::cut(self.$field, samples); )*
+                (Self { $( $field: $field.0 ),* }, Self { $( $field: $field.1 ),* })
+            }
+        }
+    };
+}
+pub(super) use cut_together;
+
+/// Runs `work` on all samples, cut into as many runs as there are threads. `work` gets the first sample's number.
+pub(super) fn over_samples<C, F>(threads: usize, first: usize, samples: usize, columns: C, work: &F)
+where
+    C: Cut + Send,
+    F: Fn(usize, usize, C) + Sync,
+{
+    if threads <= 1 || samples < 2 {
+        return work(first, samples, columns);
+    }
+    let half = samples / 2;
+    let (left, right) = columns.cut(half);
+    crate::nn::join(
+        threads,
+        || over_samples(threads / 2, first, half, left, work),
+        || over_samples(threads - threads / 2, first + half, samples - half, right, work),
+    );
+}

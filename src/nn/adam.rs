@@ -1,0 +1,109 @@
+//! Adam with L2 regularisation over one flat arena of parameters.
+
+use super::{Real, join, vectorize};
+
+/// Step size and decay of an optimiser.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct AdamSettings {
+    /// Step size.
+    pub learning_rate: f64,
+    /// L2 coefficient: `weight_decay` times the parameter is added to its gradient, biases too.
+    pub weight_decay: f64,
+}
+
+/// First and second moments of the gradient; beta 0.9 and 0.999, epsilon 1e-8 (paper, "Training Hyper-Parameters").
+#[derive(Debug, Clone, PartialEq)]
+pub struct Adam<T> {
+    /// First moments.
+    pub m: Vec<T>,
+    /// Second moments.
+    pub v: Vec<T>,
+    /// Steps taken.
+    pub steps: u64,
+}
+
+const BETA_1: f64 = 0.9;
+const BETA_2: f64 = 0.999;
+const EPSILON: f64 = 1e-8;
+
+impl<T: Real> Adam<T> {
+    /// Zero moments for `count` parameters.
+    pub fn new(count: usize) -> Self {
+        Self { m: vec![T::nil(); count], v: vec![T::nil(); count], steps: 0 }
+    }
+
+    /// One step along `gradient`.
+    pub fn step(&mut self, threads: usize, settings: AdamSettings, parameters: &mut [T], gradient: &[T]) {
+        self.steps += 1;
+        let bias_1 = 1.0 - BETA_1.powi(self.steps.min(100_000) as i32);
+        let bias_2 = 1.0 - BETA_2.powi(self.steps.min(100_000) as i32);
+        let rates = Rates {
+            step: T::of(settings.learning_rate / bias_1),
+            unbias: T::of(1.0 / bias_2.sqrt()),
+            decay: T::of(settings.weight_decay),
+        };
+        split(threads, rates, parameters, gradient, &mut self.m, &mut self.v);
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Rates<T> {
+    step: T,
+    unbias: T,
+    decay: T,
+}
+
+fn split<T: Real>(threads: usize, rates: Rates<T>, p: &mut [T], g: &[T], m: &mut [T], v: &mut [T]) {
+    if threads <= 1 || p.len() < 1 << 15 {
+        return update(rates, p, g, m, v);
+    }
+    let half = p.len() / 2;
+    let ((p0, p1), (m0, m1), (v0, v1)) = (p.split_at_mut(half), m.split_at_mut(half), v.split_at_mut(half));
+    join(
+        threads,
+        || split(threads / 2, rates, p0, &g[..half], m0, v0),
+        || split(threads - threads / 2, rates, p1, &g[half..], m1, v1),
+    );
+}
+
+fn update<T: Real>(rates: Rates<T>, p: &mut [T], g: &[T], m: &mut [T], v: &mut [T]) {
+    let (b1, b2) = (T::of(BETA_1), T::of(BETA_2));
+    let (c1, c2, epsilon) = (T::of(1.0 - BETA_1), T::of(1.0 - BETA_2), T::of(EPSILON));
+    vectorize(
+        #[inline(always)]
+        || {
+            for (((p, &g), m), v) in p.iter_mut().zip(g).zip(m).zip(v) {
+                let g = rates.decay.fma(*p, g);
+                *m = b1.fma(*m, c1 * g);
+                *v = b2.fma(*v, c2 * g * g);
+                *p -= rates.step * *m / (v.root() * rates.unbias + epsilon);
+            }
+        },
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_step_moves_every_parameter_by_the_learning_rate() {
+        let mut adam = Adam::<f64>::new(2);
+        let mut p = [1.0, -2.0];
+        adam.step(1, AdamSettings { learning_rate: 0.01, weight_decay: 0.0 }, &mut p, &[3.0, -0.2]);
+        assert!((p[0] - 0.99).abs() < 1e-9 && (p[1] + 1.99).abs() < 1e-9);
+    }
+
+    #[test]
+    fn threads_change_no_bit() {
+        let gradient: Vec<f32> = (0..200_000).map(|i| (i as f32 * 0.37) % 1.0 - 0.5).collect();
+        let settings = AdamSettings { learning_rate: 1e-3, weight_decay: 1e-3 };
+        let [one, two, four] = [1, 2, 4].map(|threads| {
+            let (mut adam, mut p) = (Adam::new(gradient.len()), gradient.clone());
+            adam.step(threads, settings, &mut p, &gradient);
+            adam.step(threads, settings, &mut p, &gradient);
+            p
+        });
+        assert!(one == two && one == four);
+    }
+}

@@ -1,0 +1,122 @@
+//! What a network's last layer means: a diagonal Gaussian (means, then log standard deviations) or Bernoulli pixels.
+
+use super::{Real, pictures::Pictures, vectorize};
+
+/// ln(2 pi) / 2.
+const HALF_LN_TAU: f64 = 0.918_938_533_204_672_8;
+
+/// One column of a Gaussian head, cut into means and log standard deviations.
+pub fn halves<T>(column: &[T]) -> (&[T], &[T]) {
+    column.split_at(column.len() / 2)
+}
+
+/// s\[N(mu, sigma²)\] = mu + sigma * epsilon, the reparameterised sample.
+pub fn sample<T: Real>(gaussian: &[T], epsilon: &[T], out: &mut [T]) {
+    let (mu, log_sigma) = halves(gaussian);
+    for (((out, &mu), &log_sigma), &epsilon) in out.iter_mut().zip(mu).zip(log_sigma).zip(epsilon) {
+        *out = log_sigma.e_to().fma(epsilon, mu);
+    }
+}
+
+/// Sends the gradient of a reparameterised sample on to its Gaussian.
+pub fn sample_backward<T: Real>(gaussian: &[T], epsilon: &[T], d_sample: &[T], d_gaussian: &mut [T]) {
+    let n = epsilon.len();
+    for i in 0..n {
+        d_gaussian[i] += d_sample[i];
+        d_gaussian[n + i] += d_sample[i] * epsilon[i] * gaussian[n + i].e_to();
+    }
+}
+
+/// KL(q || p) of two diagonal Gaussians; adds `weight` times its gradient to both.
+pub fn kl<T: Real>(q: &[T], p: &[T], weight: T, d_q: &mut [T], d_p: &mut [T]) -> T {
+    let n = q.len() / 2;
+    let half = T::of(0.5);
+    let mut sum = T::nil();
+    for i in 0..n {
+        let difference = q[i] - p[i];
+        let inverse = (-(p[n + i] + p[n + i])).e_to();
+        let ratio = (q[n + i] + q[n + i]).e_to() * inverse;
+        let scaled = difference * inverse;
+        sum += p[n + i] - q[n + i] + half * (ratio + difference * scaled) - half;
+        d_q[i] += weight * scaled;
+        d_p[i] -= weight * scaled;
+        d_q[n + i] += weight * (ratio - T::unit());
+        d_p[n + i] += weight * (T::unit() - ratio - difference * scaled);
+    }
+    sum
+}
+
+/// KL(q || N(0, I)); adds `weight` times its gradient.
+pub fn kl_to_unit<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
+    let n = q.len() / 2;
+    let half = T::of(0.5);
+    let mut sum = T::nil();
+    for i in 0..n {
+        let variance = (q[n + i] + q[n + i]).e_to();
+        sum += half * (variance + q[i] * q[i] - T::unit()) - q[n + i];
+        d_q[i] += weight * q[i];
+        d_q[n + i] += weight * (variance - T::unit());
+    }
+    sum
+}
+
+/// The entropy of a diagonal Gaussian; adds `weight` times its gradient.
+pub fn entropy<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
+    let n = q.len() / 2;
+    let mut sum = T::nil();
+    for i in 0..n {
+        sum += q[n + i] + T::of(HALF_LN_TAU + 0.5);
+        d_q[n + i] += weight;
+    }
+    sum
+}
+
+/// ln N(z; mu, sigma²); adds `weight` times its gradient to the point and to the Gaussian.
+pub fn log_density<T: Real>(z: &[T], gaussian: &[T], weight: T, d_z: &mut [T], d_gaussian: &mut [T]) -> T {
+    let n = z.len();
+    let mut sum = T::nil();
+    for i in 0..n {
+        let inverse = (-gaussian[n + i]).e_to();
+        let unit = (z[i] - gaussian[i]) * inverse;
+        sum -= T::of(0.5) * unit * unit + gaussian[n + i] + T::of(HALF_LN_TAU);
+        let slope = weight * unit * inverse;
+        d_z[i] -= slope;
+        d_gaussian[i] += slope;
+        d_gaussian[n + i] += weight * (unit * unit - T::unit());
+    }
+    sum
+}
+
+/// -ln of the probability of a picture under Bernoulli pixels with these logits.
+pub fn bernoulli<T: Real>(logits: &[T], pictures: &Pictures, picture: u32) -> T {
+    // Sixteen interleaved sums, added in order: the same bits however wide the vectors are.
+    let mut lanes = [T::nil(); 16];
+    vectorize(
+        #[inline(always)]
+        || {
+            for chunk in logits.chunks(16) {
+                for (lane, &l) in lanes.iter_mut().zip(chunk) {
+                    let negative_abs = if l > T::nil() { -l } else { l };
+                    *lane += l.larger(T::nil()) + negative_abs.e_to().log_1p();
+                }
+            }
+        },
+    );
+    let softplus = lanes.into_iter().fold(T::nil(), |sum, lane| sum + lane);
+    pictures.lit(picture).fold(softplus, |sum, pixel| sum - logits[pixel])
+}
+
+/// Sets delta = weight * (sigmoid(logits) - x), the gradient of [`bernoulli`].
+pub fn bernoulli_backward<T: Real>(logits: &[T], pictures: &Pictures, picture: u32, weight: T, delta: &mut [T]) {
+    vectorize(
+        #[inline(always)]
+        || {
+            for (delta, &l) in delta.iter_mut().zip(logits) {
+                *delta = weight / (T::unit() + (-l).e_to());
+            }
+        },
+    );
+    for pixel in pictures.lit(picture) {
+        delta[pixel] -= weight;
+    }
+}
