@@ -126,9 +126,10 @@ impl Diagnostics {
         let renderer = renderer.decor_style(DecorStyle::Ascii).term_width(120);
         let mut text: Vec<String> = self.list.iter().map(|one| renderer.render(&[self.group(one)])).collect();
         if self.list.len() > 1 {
-            text.push(renderer.render(&[Group::with_title(
-                Level::ERROR.primary_title(format!("{} mistakes, nothing was run", self.list.len())),
-            )]));
+            text.push(
+                renderer
+                    .render(&[Group::with_title(Level::ERROR.primary_title(format!("{} mistakes", self.list.len())))]),
+            );
         }
         text.join("\n\n") + "\n"
     }

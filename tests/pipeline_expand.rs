@@ -97,6 +97,15 @@ fn spaces_and_comments_change_nothing() {
 }
 
 #[test]
+fn line_endings_and_a_byte_order_mark_change_nothing() {
+    let other = format!("\u{feff}{}", ONLINE.replace('\n', "\r\n"));
+    assert_eq!(meaning(&other), meaning(ONLINE));
+    let wrong = other.replace("epochs = 15", "epoch = 15");
+    let place = &try_load(&wrong, &[], &[]).unwrap_err().to_json()[0];
+    assert_eq!((&place["line"], &place["message"]), (&json!(28), &json!("`train_lce` has no parameter `epoch`")));
+}
+
+#[test]
 fn the_order_of_keys_changes_nothing() {
     let other = ONLINE.replace(
         "kind = \"evaluate\"\nloop = true\ninputs = { model = \"represent\", agent = \"control\" }\nepisodes = 10",
@@ -116,7 +125,8 @@ fn a_default_written_out_changes_nothing() {
 
 #[test]
 fn a_whole_number_is_the_same_float() {
-    let with = |value: &str| meaning(&ONLINE.replace("epochs = 15", &format!("epochs = 15\nlambda.curvature = {value}")));
+    let with =
+        |value: &str| meaning(&ONLINE.replace("epochs = 15", &format!("epochs = 15\nlambda.curvature = {value}")));
     assert_eq!(with("3"), with("3.0"));
     assert_eq!(with("3"), with("0x3"));
     assert_ne!(with("3"), with("4"));
@@ -144,7 +154,8 @@ fn streams_hold_seed_kind_and_round() {
 
 #[test]
 fn arguments_change_the_file_as_if_it_said_so() {
-    let set = ["represent.epochs=3", "represent.first.epochs=2", "represent.objective=pcc", "task.noise=0.5", "rounds=2"];
+    let set =
+        ["represent.epochs=3", "represent.first.epochs=2", "represent.objective=pcc", "task.noise=0.5", "rounds=2"];
     let graph = graph_with(ONLINE, &set, &[]);
     assert_eq!(node(&graph, "represent@0").params["epochs"], 2);
     assert_eq!(node(&graph, "represent@1").params["epochs"], 3);
@@ -157,7 +168,8 @@ fn arguments_change_the_file_as_if_it_said_so() {
 #[test]
 fn an_axis_multiplies_only_what_it_reaches() {
     let graph = graph_with(ONLINE, &["rounds=2"], &["represent.lambda.consistency=7,11"]);
-    let names: Vec<&str> = graph.nodes.iter().filter(|node| node.stage != "map").map(|node| node.name.as_str()).collect();
+    let names: Vec<&str> =
+        graph.nodes.iter().filter(|node| node.stage != "map").map(|node| node.name.as_str()).collect();
     assert_eq!(names.len(), 1 + 2 * (3 + 3 + 2));
     assert_eq!(node(&graph, "bootstrap").point, []);
     let name = "control@1[represent.lambda.consistency=11]";
@@ -230,6 +242,31 @@ fn all_rounds_and_one_round_can_be_taken_from_outside_of_the_loop() {
         let graph = graph_with(&text, &["rounds=2"], &[]);
         assert_eq!(taken(&graph, "summary", "evaluations"), wanted);
     }
+}
+
+#[test]
+fn the_task_can_be_left_to_an_axis() {
+    let text = ONLINE.replace("[task]\nenv = \"planar\"\n", "");
+    let graph = graph_with(&format!("{text}{SUMMARY}"), &["rounds=1"], &["task.env=planar", "task.noise=0,1"]);
+    assert_eq!(node(&graph, "bootstrap[task.env=planar,task.noise=1]").task.noise, 1.0);
+    assert_eq!(node(&graph, "summary").task.noise, 0.0);
+}
+
+#[test]
+fn stages_that_are_compared_may_share_their_randomness() {
+    let second = "\n[stages.again]\nkind = \"evaluate\"\nloop = true\n\
+                  inputs = { model = \"represent\", agent = \"control@0\" }\n";
+    let summary = SUMMARY.replace("\"evaluate@last[*]\"", "[\"evaluate@last\", \"again@last\"]");
+    let graph = graph(&format!("{ONLINE}{second}{summary}"));
+    assert_eq!(node(&graph, "again@3").stream, node(&graph, "evaluate@3").stream);
+    assert_eq!(taken(&graph, "summary", "evaluations"), ["evaluate@16", "again@16"]);
+}
+
+#[test]
+fn a_stream_tells_two_sources_apart() {
+    let text = ONLINE.replacen("\"bootstrap\", ", "\"bootstrap\", \"more\", ", 1);
+    let graph = graph(&format!("{text}\n[stages.more]\nkind = \"generate_data\"\nstream = \"more\"\n"));
+    assert_ne!(node(&graph, "more").stream, node(&graph, "bootstrap").stream);
 }
 
 #[test]

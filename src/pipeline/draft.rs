@@ -15,9 +15,11 @@ pub(super) struct Draft<'i> {
     pub(super) description: String,
     pub(super) seed: u64,
     pub(super) preset: Preset,
-    pub(super) task: TaskTable<'i>,
+    /// `None` where the file has none, which is reported.
+    pub(super) task: Option<TaskTable<'i>>,
     /// Rounds of the loop, 0 where the file has no loop.
     pub(super) rounds: u32,
+    pub(super) rounds_span: Option<Span>,
     pub(super) stages: Vec<StageDraft<'i>>,
     pub(super) axes: Vec<Axis<'i>>,
 }
@@ -43,8 +45,12 @@ pub(super) struct StageDraft<'i> {
     pub(super) first: Option<DeTable<'i>>,
     /// The first round of a stage in the loop.
     pub(super) from: Option<u32>,
+    /// True once a mistake in `loop` is reported, so that rounds mean nothing.
+    pub(super) loop_broken: bool,
     pub(super) stream: Option<String>,
     pub(super) inputs: Vec<InputDraft>,
+    /// True once a mistake is reported after which an input may only seem to be left out.
+    pub(super) inputs_broken: bool,
 }
 
 /// One entry of `inputs`.

@@ -29,18 +29,24 @@ pub(super) fn graph(
     wiring::check(&mut draft.stages, draft.rounds, kinds, &mut mistakes);
     let draft = &*draft;
     streams::check(draft, &mut mistakes);
-    let Some(cells) = cells(draft, &mut mistakes) else { return Err(mistakes) };
+    let mut settler = Settler::new(draft);
+    let cells = if draft.stages.iter().any(|stage| stage.loop_broken) { None } else { cells(draft, &mut mistakes) };
+    let Some(cells) = cells else {
+        settler.settle_all();
+        mistakes.append(&mut settler.mistakes);
+        return Err(mistakes);
+    };
     let order = order(&cells, draft, &mut mistakes);
     let most = reach(&cells, &order, draft, &|_| true);
     let count = count(&most, draft);
     if count > MAX_NODES {
-        mistakes.push(too_large(count, "nodes"));
+        mistakes.push(too_large(count, "nodes", draft));
         return Err(mistakes);
     }
-    let mut settler = Settler::new(draft);
     settler.settle_all();
     let differs = preset_differs(draft, &mut settler);
-    let reached = reach(&cells, &order, draft, &|cell| differs[&(cell.stage, cell.is_first(&draft.stages[cell.stage]))]);
+    let reached =
+        reach(&cells, &order, draft, &|cell| differs[&(cell.stage, cell.is_first(&draft.stages[cell.stage]))]);
     mistakes.append(&mut settler.mistakes);
     if mistakes.is_empty() {
         check_gathered(&cells, &reached, draft, &mut mistakes);
@@ -49,7 +55,7 @@ pub(super) fn graph(
         return Err(mistakes);
     }
     let mut unrolling = Unrolling { draft, cells: &cells, reached: &reached, starts: vec![0; cells.len()], settler };
-    let nodes = unrolling.nodes(&order).ok_or_else(|| unrolling.settler.mistakes)?;
+    let nodes = unrolling.nodes(&order).ok_or(unrolling.settler.mistakes)?;
     Ok(Graph { name: draft.name.clone(), description: draft.description.clone(), nodes })
 }
 
@@ -176,9 +182,9 @@ impl Unrolling<'_, '_> {
                 if giver.gathers {
                     nodes.extend(start..start + size(axes, self.draft));
                 } else {
-                    let index = axes.iter().fold(0, |index, axis| {
-                        index * self.draft.axes[*axis].values.len() + point[*axis].unwrap_or(0)
-                    });
+                    let index = axes
+                        .iter()
+                        .fold(0, |index, axis| index * self.draft.axes[*axis].values.len() + point[*axis].unwrap_or(0));
                     nodes.push(start + index);
                 }
             }

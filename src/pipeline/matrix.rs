@@ -10,10 +10,10 @@ use toml::{
 
 use super::{
     draft::{Axis, AxisValue, StageDraft, Target},
-    overrides::{Sweep, parts},
+    overrides::{Applied, Sweep, parts},
     parse::{table_of, typed},
     tree::{Key, Tree, placed, refuse_infinite, to_json},
-    wording::instead,
+    wording::{instead, what},
 };
 use crate::{
     diag::{Diagnostic, Sources, Span},
@@ -45,7 +45,7 @@ impl WrittenAxis<'_> {
 /// Takes `[matrix]` out of the document. A sweep replaces the axis of the same name.
 pub(super) fn written<'i>(
     document: &mut DeTable<'i>,
-    sweeps: Vec<Sweep<'i>>,
+    Applied { sweeps, set }: Applied<'i>,
     mistakes: &mut Vec<Diagnostic>,
 ) -> Vec<WrittenAxis<'i>> {
     let mut axes = Vec::new();
@@ -58,6 +58,10 @@ pub(super) fn written<'i>(
             Some(same) => axes[same] = new,
             None => axes.push(new),
         }
+    }
+    for path in set.iter().filter(|path| axes.iter().any(|axis| axis.name() == path.get_ref().as_ref())) {
+        let mistake = Diagnostic::at(path.span(), format!("`{}` is an axis of the matrix", path.get_ref()));
+        mistakes.push(mistake.help(format!("write `--sweep {}=…` to replace the axis", path.get_ref())));
     }
     for axis in &mut axes {
         refuse_infinite(&mut axis.value, mistakes);
@@ -173,6 +177,10 @@ fn target_of<'i>(path: &[Key<'i>], stages: &[StageDraft<'_>]) -> Result<Target<'
         ["seed"] => return Ok(Target::Seed),
         ["preset"] => return Ok(Target::Preset),
         ["task", _, ..] => return Ok(Target::Task(path[1..].to_vec())),
+        ["task"] => {
+            let help = "write `\"task.noise\" = …`".to_owned();
+            return refuse("`task` is a table, not an option of the task".to_owned(), help);
+        }
         _ => {}
     }
     let Some(stage) = stages.iter().position(|stage| stage.name == words[0]) else {
@@ -207,7 +215,7 @@ fn values_of<'i>(
     let items = match listed.unwrap_or(written).into_inner() {
         DeValue::Array(items) => items,
         other => {
-            let message = format!("an axis takes a list or a range, but is a {}", other.type_str());
+            let message = format!("an axis takes a list or a range, but is {}", what(&other));
             mistakes.push(Diagnostic::at(span, message).help(VALUES_HELP));
             return Vec::new();
         }
@@ -216,30 +224,28 @@ fn values_of<'i>(
         mistakes.push(Diagnostic::at(span, "the axis has no values").help(VALUES_HELP));
     }
     let mut seen = BTreeSet::new();
-    let mut values = Vec::new();
-    for value in items {
-        let text = match text_of(&value) {
-            Ok(text) => text,
-            Err(mistake) => {
-                mistakes.push(mistake);
-                continue;
-            }
-        };
-        if !seen.insert(text.strip_suffix(".0").unwrap_or(&text).to_owned()) {
-            let mistake = Diagnostic::at(value.span(), format!("the axis has the value `{text}` twice"));
-            mistakes.push(mistake.help("leave one out"));
-            continue;
-        }
-        let usable = match target {
-            Target::Seed => typed::<u64>(Some(value.clone()), "seed", mistakes).is_some(),
-            Target::Preset => typed::<Preset>(Some(value.clone()), "preset", mistakes).is_some(),
-            _ => true,
-        };
-        if usable {
-            values.push(AxisValue { text, value });
-        }
+    items.into_iter().filter_map(|value| checked(value, target, &mut seen, mistakes)).collect()
+}
+
+/// A value that can be used and was not there before.
+fn checked<'i>(
+    value: Tree<'i>,
+    target: &Target<'_>,
+    seen: &mut BTreeSet<String>,
+    mistakes: &mut Vec<Diagnostic>,
+) -> Option<AxisValue<'i>> {
+    let text = text_of(&value).map_err(|mistake| mistakes.push(mistake)).ok()?;
+    if !seen.insert(text.strip_suffix(".0").unwrap_or(&text).to_owned()) {
+        let mistake = Diagnostic::at(value.span(), format!("the axis has the value `{text}` twice"));
+        mistakes.push(mistake.help("leave one out"));
+        return None;
     }
-    values
+    match target {
+        Target::Seed => _ = typed::<u64>(Some(value.clone()), "seed", mistakes)?,
+        Target::Preset => _ = typed::<Preset>(Some(value.clone()), "preset", mistakes)?,
+        _ => {}
+    }
+    Some(AxisValue { text, value })
 }
 
 /// A value as node names show it: names are also file names and arguments.
@@ -256,7 +262,7 @@ fn text_of(value: &Tree<'_>) -> Result<String, Diagnostic> {
         (_, Value::Number(number)) => Ok(number.to_string()),
         (_, Value::Bool(boolean)) => Ok(boolean.to_string()),
         (other, _) => {
-            let message = format!("a value of an axis cannot be a {}", other.type_str());
+            let message = format!("a value of an axis cannot be {}", what(other));
             refuse(message, "an axis lists numbers, texts, or true and false")
         }
     }

@@ -1,12 +1,14 @@
 //! A pipeline file, read and unrolled: `text -> parse -> expand -> check` gives a [`Graph`] of nodes, or all mistakes.
 
+mod catalogue;
+mod dag;
 mod draft;
 mod expand;
 mod matrix;
 mod order;
 mod overrides;
-mod parse;
 mod params;
+mod parse;
 mod reach;
 mod reference;
 mod stage_table;
@@ -19,12 +21,14 @@ mod wording;
 use serde_json::Value;
 
 use crate::{
-    diag::{Diagnostics, Sources},
+    diag::{Diagnostic, Diagnostics, Sources},
     env::Task,
     rng::Stream,
     stage::{Kind, Port},
 };
 
+pub use catalogue::{stages_json, stages_text};
+pub use dag::{dag_mermaid, dag_text, dag_text_expanded};
 pub use overrides::Overrides;
 
 /// The index of a node in [`Graph::nodes`].
@@ -88,16 +92,12 @@ pub fn load(source: &Source<'_>, overrides: &Overrides, kinds: &'static [Kind]) 
     graph_of(source, &sources, kinds).map_err(|mistakes| Diagnostics::new(sources, mistakes))
 }
 
-fn graph_of(
-    source: &Source<'_>,
-    sources: &Sources,
-    kinds: &'static [Kind],
-) -> Result<Graph, Vec<crate::diag::Diagnostic>> {
+fn graph_of(source: &Source<'_>, sources: &Sources, kinds: &'static [Kind]) -> Result<Graph, Vec<Diagnostic>> {
     let mut mistakes = Vec::new();
     let mut document = parse::document(source.bytes, sources)?;
     let arguments: Vec<(usize, &str)> = sources.texts().skip(1).collect();
-    let sweeps = overrides::apply(&mut document, &arguments, &mut mistakes);
-    let axes = matrix::written(&mut document, sweeps, &mut mistakes);
+    let applied = overrides::apply(&mut document, &arguments, &mut mistakes);
+    let axes = matrix::written(&mut document, applied, &mut mistakes);
     let ranges = matrix::ranges(&axes, &mut mistakes);
     let mut draft = parse::draft(document, axes, &ranges, sources, kinds, &mut mistakes);
     expand::graph(&mut draft, kinds, mistakes)

@@ -70,14 +70,16 @@ fn circles(cells: &[Cell], waits_for: &[usize], draft: &Draft<'_>) -> Vec<Diagno
 fn circle(members: &[usize], stages: &[StageDraft<'_>]) -> Diagnostic {
     // The member that comes first in the file begins the sentence.
     let begin = members.iter().enumerate().min_by_key(|(_, stage)| **stage).map_or(0, |(at, _)| at);
-    let turned = members[begin..].iter().chain(&members[..begin]);
-    let names: Vec<String> = turned.map(|stage| format!("`{}`", stages[*stage].name)).collect();
+    let mut turned: Vec<usize> = members[begin..].iter().chain(&members[..begin]).copied().collect();
+    turned.dedup();
+    let name = |at: usize| &stages[turned[at % turned.len()]].name;
+    let links: Vec<String> = (0..turned.len()).map(|at| format!("`{}` from `{}`", name(at), name(at + 1))).collect();
     let (taker, giver) = (&stages[members[begin]], members[(begin + 1) % members.len()]);
     let reference = taker.inputs.iter().flat_map(|input| &input.references).find(|one| one.stage == giver);
     let span = reference.map_or(taker.span.clone(), |reference| reference.span.clone());
-    let message = match names.as_slice() {
-        [alone] => format!("stage {alone} takes its own result"),
-        names => format!("stages take from each other in a circle: {} takes from {}", names.join(" takes from "), names[0]),
+    let message = match turned.as_slice() {
+        [_] => format!("stage `{}` takes its own result", taker.name),
+        _ => format!("stages take from each other in a circle: {}", links.join(", ")),
     };
     Diagnostic::at(span, message).help("take from the round before with `@prev`, or break the circle")
 }

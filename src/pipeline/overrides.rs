@@ -8,7 +8,7 @@ use toml::{
 };
 
 use super::{
-    tree::{Key, Tree, set, shifted},
+    tree::{Key, Tree, endless_key, set, shifted},
     wording::instead,
 };
 use crate::diag::{Diagnostic, Span};
@@ -37,30 +37,44 @@ pub(super) struct Sweep<'i> {
     pub(super) values: Tree<'i>,
 }
 
-/// Applies the arguments, given with the base of their spans, and returns the axes they add.
+/// What the arguments leave to the matrix.
+#[derive(Debug, Default)]
+pub(super) struct Applied<'i> {
+    /// The axes they add.
+    pub(super) sweeps: Vec<Sweep<'i>>,
+    /// The paths that `-S` set, which must not be axes as well.
+    pub(super) set: Vec<Key<'i>>,
+}
+
+/// Applies the arguments, given with the base of their spans.
 pub(super) fn apply<'i>(
     document: &mut DeTable<'i>,
     arguments: &[(usize, &'i str)],
     mistakes: &mut Vec<Diagnostic>,
-) -> Vec<Sweep<'i>> {
-    let mut sweeps = Vec::new();
+) -> Applied<'i> {
+    let mut applied = Applied::default();
     for (base, text) in arguments {
+        if let Some(span) = endless_key(text) {
+            let span = span.start + base..span.end + base;
+            mistakes.push(Diagnostic::at(span, "nested too deeply").help("no parameter lies that deep"));
+            continue;
+        }
         let (flag, assignment) = text.split_once(' ').unwrap_or((text, ""));
         let base = base + flag.len() + 1;
         let read = match flag {
             "-S" => split(assignment, base, "-S stage.param=value").and_then(|(path, value)| {
-                set(document, &path_of(document, path)?, scalar(value)).map_err(|key| {
-                    Diagnostic::at(key.span(), format!("`{}` holds no parameters", key.get_ref()))
-                })
+                applied.set.push(Spanned::new(path.1..path.1 + path.0.len(), Cow::Borrowed(path.0)));
+                set(document, &path_of(document, path)?, scalar(value))
+                    .map_err(|key| Diagnostic::at(key.span(), format!("`{}` holds no parameters", key.get_ref())))
             }),
             _ => split(assignment, base, "--sweep stage.param=1,2,3").map(|((axis, base), values)| {
                 let axis = Spanned::new(base..base + axis.len(), Cow::Borrowed(axis));
-                sweeps.push(Sweep { axis, values: listed(values) });
+                applied.sweeps.push(Sweep { axis, values: listed(values) });
             }),
         };
         mistakes.extend(read.err());
     }
-    sweeps
+    applied
 }
 
 /// A text and where it begins.
@@ -108,13 +122,7 @@ fn path_of<'i>(document: &DeTable<'i>, (path, base): Placed<'i>) -> Result<Vec<K
         path.insert(0, Spanned::new(head.span(), Cow::Borrowed(word)));
     };
     match (head.get_ref().as_ref(), path.len()) {
-        ("seed" | "preset" | "name" | "description", 1) => {
-            if in_matrix(document, head.get_ref()) {
-                let name = head.get_ref();
-                return Err(Diagnostic::at(head.span(), format!("`{name}` is an axis of the matrix"))
-                    .help(format!("write `--sweep {name}=…` to replace the axis")));
-            }
-        }
+        ("seed" | "preset" | "name" | "description", 1) => {}
         ("rounds", 1) => insert(&mut path, "loop"),
         ("task" | "loop", 2..) => {}
         (name, length) => {
@@ -134,10 +142,6 @@ fn path_of<'i>(document: &DeTable<'i>, (path, base): Placed<'i>) -> Result<Vec<K
         }
     }
     Ok(path)
-}
-
-fn in_matrix(document: &DeTable<'_>, axis: &str) -> bool {
-    matches!(document.get("matrix").map(Spanned::get_ref), Some(DeValue::Table(axes)) if axes.contains_key(axis))
 }
 
 /// A TOML value, or else the text itself: `epochs=3` is a number and `objective=pcc` a text.

@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 
 use serde::Deserialize as _;
-use serde_json::Value;
+use serde_json::{Map, Value};
 use toml::{
     Spanned,
     de::{DeTable, DeValue, ValueDeserializer},
 };
 
 use super::{
-    draft::{Axis, Draft, StageDraft, Target},
+    draft::{Axis, Draft, StageDraft, Target, TaskTable},
     matrix::MAX_NODES,
     tree::{find, lay_json_over, lay_over, set, table_to_json, take_entry_at, to_json},
     wording::of_serde,
@@ -55,7 +55,7 @@ impl<'a, 'i> Settler<'a, 'i> {
     /// first value.
     pub(super) fn base(&self) -> Point {
         let base = |axis: &Axis<'i>| match &axis.target {
-            Target::Task(path) if find(&self.draft.task.table, &words(path)).is_none() => Some(0),
+            Target::Task(path) if !self.draft.task.as_ref().is_some_and(|task| has(&task.table, path)) => Some(0),
             _ => None,
         };
         self.draft.axes.iter().map(base).collect()
@@ -67,17 +67,17 @@ impl<'a, 'i> Settler<'a, 'i> {
         if let Some(known) = self.tasks.get(&key) {
             return known.clone();
         }
-        let mut table = self.draft.task.table.clone();
+        let TaskTable { table, span: header } = self.draft.task.as_ref()?;
+        let mut table = table.clone();
         for (axis, choice) in self.draft.axes.iter().zip(&key) {
             if let (Target::Task(path), Some(choice)) = (&axis.target, choice) {
                 let set = set(&mut table, path, axis.values[*choice].value.clone());
                 self.mistakes.extend(set.err().map(|key| no_table(&key)));
             }
         }
-        let header = self.draft.task.span.clone();
         let count = self.mistakes.len();
-        refuse_unreadable(&mut table, &header, "`[task]`", try_task, &mut self.mistakes);
-        let value = Spanned::new(header, DeValue::Table(table));
+        refuse_unreadable(&mut table, header, "`[task]`", try_task, &mut self.mistakes);
+        let value = Spanned::new(header.clone(), DeValue::Table(table));
         let task = Task::deserialize(ValueDeserializer::from(value)).ok().filter(|_| self.mistakes.len() == count);
         self.tasks.insert(key, task.clone());
         task
@@ -103,9 +103,8 @@ impl<'a, 'i> Settler<'a, 'i> {
         let task = self.task(point)?;
         let preset = self.preset(point);
         let given = table_to_json(&table);
-        let mut params = (kind.preset)(&PresetOf { preset, task: &task, given: &given });
-        lay_json_over(&mut params, Value::Object(given));
-        match (kind.canonical)(&params) {
+        let defaults = (kind.preset)(&PresetOf { preset, task: &task, given: &given });
+        match explicit(kind, defaults, given) {
             Ok(params) => {
                 self.refuse_out_of_range(stage, kind, &params, &table, preset);
                 Some(params)
@@ -177,6 +176,19 @@ impl<'a, 'i> Settler<'a, 'i> {
     }
 }
 
+/// The parameters given laid over the defaults, written the one way that equal parameters have.
+fn explicit(kind: &Kind, defaults: Value, given: Map<String, Value>) -> Result<Value, serde_json::Error> {
+    let mut merged = defaults.clone();
+    lay_json_over(&mut merged, Value::Object(given.clone()));
+    (kind.canonical)(&merged).or_else(|error| {
+        // Tables of a choice such as `{ uniform = { … } }` cannot be merged with another choice: they replace it.
+        let mut replaced = defaults;
+        let Value::Object(entries) = &mut replaced else { return Err(error) };
+        entries.extend(given);
+        (kind.canonical)(&replaced).map_err(|_| error)
+    })
+}
+
 /// Whether an axis can change the parameters of a stage: presets may depend on the task.
 pub(super) fn reaches_params(axis: &Axis<'_>, at: usize) -> bool {
     match &axis.target {
@@ -211,14 +223,21 @@ fn refuse_unreadable<'i>(
     read: fn(ValueDeserializer<'_>) -> Result<(), toml::de::Error>,
     mistakes: &mut Vec<Diagnostic>,
 ) {
+    let mut removed: Vec<String> = Vec::new();
     loop {
         let value = Spanned::new(header.clone(), DeValue::Table(table.clone()));
         let Err(error) = read(ValueDeserializer::from(value)) else { return };
+        let missing = error.message().strip_prefix("missing field `").and_then(|rest| rest.split('`').next());
+        if missing.is_some_and(|missing| removed.iter().any(|entry| entry.rsplit('.').next() == Some(missing))) {
+            // It is missing only because it was wrong.
+            return;
+        }
         let span = error.span().unwrap_or_else(|| header.clone());
         let entry = take_entry_at(table, &span);
         mistakes.push(of_serde(error.message(), span, owner, entry.as_deref()));
-        if entry.is_none() {
-            return;
+        match entry {
+            Some(entry) => removed.push(entry),
+            None => return,
         }
     }
 }
@@ -231,6 +250,7 @@ fn no_table(key: &super::tree::Key<'_>) -> Diagnostic {
     Diagnostic::at(key.span(), format!("`{}` holds no parameters", key.get_ref()))
 }
 
-fn words<'a>(path: &'a [super::tree::Key<'_>]) -> Vec<&'a str> {
-    path.iter().map(|key| key.get_ref().as_ref()).collect()
+fn has(table: &DeTable<'_>, path: &[super::tree::Key<'_>]) -> bool {
+    let words: Vec<&str> = path.iter().map(|key| key.get_ref().as_ref()).collect();
+    find(table, &words).is_some()
 }

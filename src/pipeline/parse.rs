@@ -6,11 +6,11 @@ use toml::{
 };
 
 use super::{
-    draft::{Draft, TaskTable},
+    draft::{Axis, Draft, Target, TaskTable},
     matrix::{self, WrittenAxis},
     stage_table,
-    tree::{Key, Tree, refuse_infinite_in, to_json},
-    wording::instead,
+    tree::{Key, Tree, endless_entry, endless_key, refuse_infinite_in, to_json},
+    wording::{instead, of_serde, what},
 };
 use crate::{
     diag::{Diagnostic, Sources, Span, line_and_column},
@@ -41,11 +41,22 @@ pub(super) fn document<'i>(bytes: &[u8], sources: &'i Sources) -> Result<DeTable
     if text.len() > MAX_BYTES {
         return Err(vec![Diagnostic::general(format!("the file is too large: {} bytes", text.len()))]);
     }
+    let endless = |span| vec![Diagnostic::at(span, "nested too deeply").help("no parameter lies that deep")];
+    if let Some(span) = endless_key(text) {
+        return Err(endless(span));
+    }
     let parsed = DeTable::parse(text).map_err(|error| {
         let span = error.span().unwrap_or(0..0);
-        vec![Diagnostic::at(span, error.message().lines().next().unwrap_or_default())]
+        let message = error.message().lines().next().unwrap_or_default();
+        vec![match message {
+            "duplicate key" => Diagnostic::at(span, "the key is given twice").help("keep one of the two"),
+            message => Diagnostic::at(span, format!("not TOML: {message}")),
+        }]
     })?;
-    Ok(parsed.into_inner())
+    match endless_entry(parsed.get_ref()) {
+        Some(span) => Err(endless(span)),
+        None => Ok(parsed.into_inner()),
+    }
 }
 
 /// Reads the top level, and everything below it.
@@ -69,24 +80,35 @@ pub(super) fn draft<'i>(
     let description = text_of(document.remove("description"), "description", mistakes);
     let seed = typed(document.remove("seed"), "seed", mistakes).unwrap_or(0);
     let preset = typed(document.remove("preset"), "preset", mistakes).unwrap_or(Preset::Recipe);
-    let (task, task_span) = match table_of(document.remove("task"), "task", mistakes) {
-        Some(found) => found,
-        None => (DeTable::new(), 0..0),
-    };
+    let no_task = !document.contains_key("task");
+    let task = table_of(document.remove("task"), "task", mistakes).map(|(table, span)| TaskTable { table, span });
     let rounds = rounds_of(document.remove("loop"), mistakes);
+    let (rounds, rounds_span) = rounds.map_or((None, None), |(rounds, span)| (Some(rounds), Some(span)));
     let tables = stage_tables(document.remove("stages"), mistakes);
     let stages = stage_table::read(tables, rounds, kinds, mistakes);
     let axes = matrix::read(axes, ranges, sources, &stages, mistakes);
+    let task = if no_task { task_of_axes(&axes, mistakes) } else { task };
     Draft {
         name: name.unwrap_or_default().0,
         description: description.unwrap_or_default().0,
         seed,
         preset,
-        task: TaskTable { table: task, span: task_span },
+        task,
         rounds: rounds.unwrap_or(0),
+        rounds_span,
         stages,
         axes,
     }
+}
+
+/// The task of a file that leaves it to the axes of the matrix.
+fn task_of_axes<'i>(axes: &[Axis<'i>], mistakes: &mut Vec<Diagnostic>) -> Option<TaskTable<'i>> {
+    let axis = axes.iter().find(|axis| matches!(axis.target, Target::Task(_)));
+    if axis.is_none() {
+        let mistake = Diagnostic::at(0..0, "the pipeline has no `[task]`");
+        mistakes.push(mistake.help("write `[task]` with `env = \"planar\"`"));
+    }
+    axis.map(|axis| TaskTable { table: DeTable::new(), span: axis.span.clone() })
 }
 
 fn unknown_key(key: &Key<'_>, document: &DeTable<'_>) -> Diagnostic {
@@ -147,7 +169,7 @@ pub(super) fn typed<T: serde::de::DeserializeOwned>(
     match T::deserialize(ValueDeserializer::from(value)) {
         Ok(value) => Some(value),
         Err(error) => {
-            mistakes.push(super::wording::of_serde(error.message(), span, "the pipeline", Some(key)));
+            mistakes.push(of_serde(error.message(), span, "the pipeline", Some(key)));
             None
         }
     }
@@ -164,14 +186,15 @@ pub(super) fn table_of<'i>(
     match value.into_inner() {
         DeValue::Table(table) => Some((table, span)),
         other => {
-            let message = format!("`{key}` takes a table, but is a {}", other.type_str());
+            let message = format!("`{key}` takes a table, but is {}", what(&other));
             mistakes.push(Diagnostic::at(span, message));
             None
         }
     }
 }
 
-fn rounds_of(value: Option<Tree<'_>>, mistakes: &mut Vec<Diagnostic>) -> Option<u32> {
+/// The number of rounds and where it stands. After a mistake it is one, which lets the other checks go on.
+fn rounds_of(value: Option<Tree<'_>>, mistakes: &mut Vec<Diagnostic>) -> Option<(u32, Span)> {
     let (mut table, span) = table_of(value, "loop", mistakes)?;
     let rounds = table.remove("rounds");
     for key in table.keys() {
@@ -179,27 +202,24 @@ fn rounds_of(value: Option<Tree<'_>>, mistakes: &mut Vec<Diagnostic>) -> Option<
         mistakes.push(Diagnostic::at(key.span(), message).help("a loop has: rounds"));
     }
     let Some(rounds) = rounds else {
-        mistakes.push(Diagnostic::at(span, "`[loop]` needs `rounds`").help("write `rounds = 17`"));
-        return Some(1);
+        mistakes.push(Diagnostic::at(span.clone(), "`[loop]` needs `rounds`").help("write `rounds = 17`"));
+        return Some((1, span));
     };
     let at = rounds.span();
     match typed::<u32>(Some(rounds), "rounds", mistakes) {
         Some(0) => {
-            mistakes.push(Diagnostic::at(at, "a loop has at least one round").help("write `rounds = 1` or more"));
-            Some(1)
+            let mistake = Diagnostic::at(at.clone(), "a loop has at least one round");
+            mistakes.push(mistake.help("write `rounds = 1` or more"));
+            Some((1, at))
         }
-        // A mistake is reported already; one round lets the other checks go on.
-        other => Some(other.unwrap_or(1)),
+        other => Some((other.unwrap_or(1), at)),
     }
 }
 
-fn stage_tables<'i>(
-    value: Option<Tree<'i>>,
-    mistakes: &mut Vec<Diagnostic>,
-) -> Vec<(Key<'i>, Span, DeTable<'i>)> {
-    let missing = value.is_none();
+fn stage_tables<'i>(value: Option<Tree<'i>>, mistakes: &mut Vec<Diagnostic>) -> Vec<(Key<'i>, Span, DeTable<'i>)> {
+    let wrong = value.as_ref().is_some_and(|value| !value.get_ref().is_table());
     let stages = table_of(value, "stages", mistakes).map(|(table, _)| table).unwrap_or_default();
-    if missing || stages.is_empty() {
+    if stages.is_empty() && !wrong {
         let mistake = Diagnostic::at(0..0, "the pipeline has no stages");
         mistakes.push(mistake.help("write `[stages.name]` with `kind = \"…\"`"));
     }

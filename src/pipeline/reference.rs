@@ -43,8 +43,9 @@ pub(super) fn spell(text: &str, span: Span) -> Result<Spelled<'_>, Diagnostic> {
 }
 
 fn unknown_selector(selector: &str, span: Span) -> Diagnostic {
-    let help = instead(selector, "rounds are written", ["prev", "sofar", "last", "all", "3"]);
-    Diagnostic::at(span, format!("`@{selector}` is no round")).help(help.replace("`prev`", "`@prev`"))
+    let selector = format!("@{selector}");
+    let help = instead(&selector, "rounds are written", ["@prev", "@sofar", "@last", "@all", "@3"]);
+    Diagnostic::at(span, format!("`{selector}` is no round")).help(help)
 }
 
 #[cfg(test)]

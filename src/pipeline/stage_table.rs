@@ -1,24 +1,18 @@
 //! One `[stages.name]`: `kind`, `inputs`, `loop`, `first` and `stream` taken out, the rest left to the kind.
 
-use toml::{
-    Spanned,
-    de::{DeTable, DeValue},
-};
+use toml::de::{DeTable, DeValue};
 
 use super::{
     draft::{InputDraft, Reference, StageDraft},
     parse::{table_of, typed},
     reference::spell,
     tree::{Key, Tree},
-    wording::instead,
+    wording::{instead, what},
 };
 use crate::{
     diag::{Diagnostic, Span},
     stage::{Kind, Port},
 };
-
-/// Words that a stage's table keeps for the pipeline: no kind may have a parameter of these names.
-pub const PIPELINE_WORDS: [&str; 5] = ["kind", "inputs", "loop", "first", "stream"];
 
 /// What all stages are read against.
 struct Surroundings<'a> {
@@ -36,7 +30,13 @@ pub(super) fn read<'i>(
 ) -> Vec<StageDraft<'i>> {
     let names: Vec<String> = tables.iter().map(|(key, ..)| key.get_ref().to_string()).collect();
     let around = Surroundings { names: &names, has_loop: rounds.is_some(), kinds };
-    tables.into_iter().map(|(key, _, table)| stage(&key, table, &around, mistakes)).collect()
+    let stages: Vec<_> = tables.into_iter().map(|(key, _, table)| stage(&key, table, &around, mistakes)).collect();
+    if let (None, Some(stage)) = (rounds, stages.iter().find(|stage| stage.from.is_some())) {
+        let message = format!("stage `{}` is in the loop, but the pipeline has none", stage.name);
+        let mistake = Diagnostic::at(stage.span.clone(), message);
+        mistakes.push(mistake.help("write `[loop]` with `rounds = …`, or leave `loop` out of the stages"));
+    }
+    stages
 }
 
 fn stage<'i>(
@@ -47,24 +47,26 @@ fn stage<'i>(
 ) -> StageDraft<'i> {
     let (name, span) = (key.get_ref().to_string(), key.span());
     let kind = kind_of(table.remove("kind"), &name, &span, around.kinds, mistakes);
-    let loop_span = table.get("loop").map(Spanned::span);
+    let count = mistakes.len();
     let from = from_of(table.remove("loop"), mistakes);
-    if let (Some(_), Some(span), false) = (from, loop_span, around.has_loop) {
-        let mistake = Diagnostic::at(span, format!("`{name}` is in a loop, but the pipeline has none"));
-        mistakes.push(mistake.help("write `[loop]` with `rounds = …`"));
-    }
+    let loop_broken = mistakes.len() > count || (from.is_some() && !around.has_loop);
     let first = table_of(table.remove("first"), "first", mistakes);
     if let (Some((_, span)), None) = (&first, from) {
         let mistake = Diagnostic::at(span.clone(), format!("`{name}` is not in the loop, so it has no first round"));
         mistakes.push(mistake.help("write `loop = true`, or set the parameters themselves"));
     }
     let stream = stream_of(table.remove("stream"), mistakes);
-    let inputs = match table_of(table.remove("inputs"), "inputs", mistakes) {
-        Some((inputs, _)) => inputs_of(inputs, kind, around, mistakes),
-        None => Vec::new(),
-    };
+    let (written, count) = (table.remove("inputs"), mistakes.len());
+    let inputs = table_of(written, "inputs", mistakes).map(|(inputs, _)| inputs);
+    let mut inputs_broken = mistakes.len() > count;
+    let inputs = inputs.map_or_else(Vec::new, |table| {
+        let names = table.len();
+        let inputs = inputs_of(table, kind, around, mistakes);
+        inputs_broken |= inputs.len() < names;
+        inputs
+    });
     let first = first.map(|(first, _)| first);
-    StageDraft { name, span, kind, params: table, first, from, stream, inputs }
+    StageDraft { name, span, kind, params: table, first, from, loop_broken, stream, inputs, inputs_broken }
 }
 
 fn kind_of(
@@ -104,7 +106,7 @@ fn from_of(value: Option<Tree<'_>>, mistakes: &mut Vec<Diagnostic>) -> Option<u3
             Some(typed(from, "from", mistakes).unwrap_or(0))
         }
         other => {
-            let message = format!("`loop` takes true or a table, but is a {}", other.type_str());
+            let message = format!("`loop` takes true or a table, but is {}", what(&other));
             mistakes.push(Diagnostic::at(span, message).help("write `loop = true` or `loop = { from = 1 }`"));
             None
         }
@@ -176,7 +178,7 @@ fn read_references(
 }
 
 fn no_reference(port: &str, value: &DeValue<'_>, span: Span) -> Diagnostic {
-    let message = format!("input `{port}` takes the name of a stage, but is a {}", value.type_str());
+    let message = format!("input `{port}` takes the name of a stage, but is {}", what(value));
     Diagnostic::at(span, message).help(format!("write `{port} = \"stage\"` or `{port} = [\"one\", \"two@prev\"]`"))
 }
 
@@ -187,4 +189,17 @@ fn reference(text: &str, span: Span, names: &[String]) -> Result<Reference, Diag
         return Err(mistake.help(instead(read.name, "stages", names.iter().map(String::as_str))));
     };
     Ok(Reference { stage, which: read.which, gathers: read.gathers, span, text: text.to_owned() })
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn no_kind_has_a_parameter_that_the_pipeline_takes_out() {
+        for kind in crate::stage::registry() {
+            let schema = serde_json::to_value((kind.schema)()).unwrap();
+            for word in ["kind", "inputs", "loop", "first", "stream"] {
+                assert!(schema["properties"].get(word).is_none(), "{} has a parameter `{word}`", kind.name);
+            }
+        }
+    }
 }

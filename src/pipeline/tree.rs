@@ -15,6 +15,42 @@ pub(super) type Tree<'i> = Spanned<DeValue<'i>>;
 /// A key and its place.
 pub(super) type Key<'i> = Spanned<Cow<'i, str>>;
 
+/// More parts than any path needs.
+const MAX_PARTS: usize = 32;
+/// Deeper than any parameter lies.
+const MAX_DEPTH: usize = 48;
+
+/// A dotted key of so many parts that the tree, which is walked recursively, could outgrow the stack.
+pub(super) fn endless_key(text: &str) -> Option<Range<usize>> {
+    let (mut start, mut parts) = (0, 1);
+    let mut previous = ' ';
+    for (at, c) in text.char_indices() {
+        match c {
+            '.' if previous != '.' => parts += 1,
+            '.' | '=' | ',' | '[' | ']' | '{' | '}' | '#' | '\n' => (start, parts) = (at + 1, 1),
+            _ => {}
+        }
+        if parts > MAX_PARTS {
+            return Some(start..at);
+        }
+        previous = c;
+    }
+    None
+}
+
+/// The first entry of a table that lies too deep in itself.
+pub(super) fn endless_entry(table: &DeTable<'_>) -> Option<Range<usize>> {
+    table.iter().find(|(_, value)| depth(value.get_ref()) > MAX_DEPTH).map(|(key, _)| key.span())
+}
+
+fn depth(value: &DeValue<'_>) -> usize {
+    match value {
+        DeValue::Array(items) => 1 + items.iter().map(|item| depth(item.get_ref())).max().unwrap_or(0),
+        DeValue::Table(table) => 1 + table.values().map(|value| depth(value.get_ref())).max().unwrap_or(0),
+        _ => 0,
+    }
+}
+
 /// A tree whose places are counted from `base` on.
 pub(super) fn shifted(tree: Tree<'_>, base: usize) -> Tree<'_> {
     moved(tree, &|span| span.start + base..span.end + base)
@@ -67,9 +103,7 @@ pub(super) fn set<'i>(table: &mut DeTable<'i>, path: &[Key<'i>], value: Tree<'i>
         replace(table, key.clone(), value);
         return Ok(());
     }
-    let below = table
-        .entry(key.clone())
-        .or_insert_with(|| Spanned::new(key.span(), DeValue::Table(DeTable::new())));
+    let below = table.entry(key.clone()).or_insert_with(|| Spanned::new(key.span(), DeValue::Table(DeTable::new())));
     match below.get_mut() {
         DeValue::Table(below) => set(below, rest, value),
         _ => Err(key.clone()),
@@ -118,16 +152,17 @@ pub(super) fn refuse_infinite(value: &mut Tree<'_>, mistakes: &mut Vec<Diagnosti
         DeValue::Float(float) => {
             let finite = float.as_str().parse::<f64>().is_ok_and(f64::is_finite);
             if !finite {
-                let what = if float.as_str().contains(['n', 'i']) { "not a number to compute with" } else { "too large" };
+                let what =
+                    if float.as_str().contains(['n', 'i']) { "not a number to compute with" } else { "too large" };
                 let message = format!("`{}` is {what}", float.as_str());
                 mistakes.push(Diagnostic::at(span, message).help("write a finite number"));
             }
             finite
         }
         DeValue::Array(items) => {
-            let kept = std::mem::replace(items, toml::de::DeArray::new()).into_iter().filter_map(|mut item| {
-                refuse_infinite(&mut item, mistakes).then_some(item)
-            });
+            let kept = std::mem::replace(items, toml::de::DeArray::new())
+                .into_iter()
+                .filter_map(|mut item| refuse_infinite(&mut item, mistakes).then_some(item));
             *items = kept.collect();
             true
         }
@@ -141,9 +176,9 @@ pub(super) fn refuse_infinite(value: &mut Tree<'_>, mistakes: &mut Vec<Diagnosti
 
 /// Takes every number of a table away that is not finite, and reports it.
 pub(super) fn refuse_infinite_in(table: &mut DeTable<'_>, mistakes: &mut Vec<Diagnostic>) {
-    let kept = std::mem::take(table).into_iter().filter_map(|(key, mut value)| {
-        refuse_infinite(&mut value, mistakes).then_some((key, value))
-    });
+    let kept = std::mem::take(table)
+        .into_iter()
+        .filter_map(|(key, mut value)| refuse_infinite(&mut value, mistakes).then_some((key, value)));
     *table = kept.collect();
 }
 

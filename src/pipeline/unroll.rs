@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// More connections than any pipeline needs; they would fill the memory.
-const MAX_CONNECTIONS: usize = 20_000_000;
+const MAX_CONNECTIONS: usize = 10_000_000;
 
 /// The index of a cell.
 pub(super) type CellId = usize;
@@ -86,7 +86,7 @@ pub(super) fn cells(draft: &Draft<'_>, mistakes: &mut Vec<Diagnostic>) -> Option
         starts.push(count);
         count += stage.from.map_or(1, |from| draft.rounds.saturating_sub(from) as usize);
         if count > MAX_NODES {
-            mistakes.push(too_large(count, "nodes"));
+            mistakes.push(too_large(count, "nodes", draft));
             return None;
         }
     }
@@ -103,7 +103,7 @@ pub(super) fn cells(draft: &Draft<'_>, mistakes: &mut Vec<Diagnostic>) -> Option
             let inputs = inputs_of(stage, round, &layout);
             connections += inputs.iter().map(|(_, givers)| givers.len()).sum::<usize>();
             if connections > MAX_CONNECTIONS {
-                mistakes.push(too_large(connections, "connections"));
+                mistakes.push(too_large(connections, "connections", draft));
                 return None;
             }
             cells.push(Cell { stage: at, round, inputs });
@@ -114,17 +114,25 @@ pub(super) fn cells(draft: &Draft<'_>, mistakes: &mut Vec<Diagnostic>) -> Option
 }
 
 /// A pipeline of so many parts is refused before it is unrolled.
-pub(super) fn too_large(count: usize, what: &str) -> Diagnostic {
+pub(super) fn too_large(count: usize, what: &str, draft: &Draft<'_>) -> Diagnostic {
     let shown = if count == usize::MAX { "more than can be counted".to_owned() } else { format!("at least {count}") };
     let limit = if what == "nodes" { MAX_NODES } else { MAX_CONNECTIONS };
-    Diagnostic::general(format!("the pipeline has too many {what}: {shown}, and {limit} are allowed"))
-        .help("lower `rounds`, or give the axes of the matrix fewer values")
+    let message = format!("the pipeline has too many {what}: {shown}, where {limit} are allowed");
+    let longest = draft.axes.iter().max_by_key(|axis| axis.values.len());
+    let longest = longest.filter(|axis| axis.values.len() > draft.rounds as usize);
+    match (longest, &draft.rounds_span) {
+        (Some(axis), _) => Diagnostic::at(axis.span.clone(), message)
+            .label(format!("has {} values", axis.values.len()))
+            .help("give the axes of the matrix fewer values"),
+        (None, Some(span)) => Diagnostic::at(span.clone(), message).help("lower `rounds`"),
+        (None, None) => Diagnostic::general(message),
+    }
 }
 
 fn inputs_of(stage: &StageDraft<'_>, round: Option<u32>, layout: &Layout<'_>) -> Vec<(&'static Port, Vec<Giver>)> {
     let ports = stage.kind.map_or(&[][..], |kind| kind.ports);
     let of_port = |port: &'static Port| {
-        let input = stage.inputs.iter().find(|input| input.port.name == port.name);
+        let input = stage.inputs.iter().find(|input| input.port.name == port.name && !input.broken);
         let references = input.map_or(&[][..], |input| &input.references);
         let givers = references.iter().flat_map(|reference| {
             let cells = layout.resolve(reference, round).into_iter();

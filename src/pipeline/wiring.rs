@@ -29,13 +29,15 @@ fn round_mistake(
     giver: &StageDraft<'_>,
     rounds: u32,
 ) -> Option<Diagnostic> {
+    if taker.loop_broken || giver.loop_broken {
+        return None;
+    }
     let (text, name, taker_name) = (&reference.text, &giver.name, &taker.name);
     let mistake = |message: String| Diagnostic::at(reference.span.clone(), message);
     match (giver.from, reference.which) {
         (None, Which::Same) => None,
         (None, _) => Some(
-            mistake(format!("`{text}` names a round, but `{name}` is not in the loop"))
-                .help(format!("write `{name}`")),
+            mistake(format!("`{text}` names a round, but `{name}` is not in the loop")).help(format!("write `{name}`")),
         ),
         (Some(_), Which::Round(round)) if round >= rounds => Some(
             mistake(format!("`{text}` does not exist: the loop has rounds 0 to {}", rounds.saturating_sub(1)))
@@ -86,12 +88,16 @@ fn givers(artifact: &str, stages: &[StageDraft<'_>], kinds: &[Kind]) -> String {
 
 /// Required inputs that are not written.
 fn missing(stage: &StageDraft<'_>, stages: &[StageDraft<'_>], kinds: &[Kind]) -> Vec<Diagnostic> {
+    if stage.inputs_broken {
+        return Vec::new();
+    }
     let ports = stage.kind.map_or(&[][..], |kind| kind.ports);
     let required = ports.iter().filter(|port| port.arity != Arity::Optional);
     let left_out = required.filter(|port| stage.inputs.iter().all(|input| input.port.name != port.name));
     left_out
         .map(|port| {
-            let message = format!("stage `{}` needs the input `{}`: {}", stage.name, port.name, port.artifact);
+            let message =
+                format!("stage `{}` lacks the input `{}`, which takes {}", stage.name, port.name, port.artifact);
             let mistake = Diagnostic::at(stage.span.clone(), message);
             let givers = givers(port.artifact, stages, kinds);
             mistake.help(format!("write `inputs = {{ {} = \"…\" }}`; {givers}", port.name))

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use toml::de::DeValue;
+
 use crate::diag::Diagnostic;
 
 /// The candidate closest to `name`, if it is close enough to have been meant.
@@ -23,6 +25,29 @@ pub(super) fn instead<'a>(name: &str, what: &str, candidates: impl IntoIterator<
         None if candidates.is_empty() => format!("there are no {what}"),
         None => format!("{what}: {}", candidates.join(", ")),
     }
+}
+
+/// Breaks a line at spaces to fit 100 columns; what follows is indented.
+pub(super) fn wrap(line: &str, indent: usize) -> String {
+    const COLUMNS: usize = 100;
+    let body = line.trim_start();
+    let mut text = line[..line.len() - body.len()].to_owned();
+    let mut column = text.chars().count();
+    for (at, word) in body.split(' ').enumerate() {
+        let width = word.chars().count();
+        if at > 0 && column > indent && column + 1 + width > COLUMNS && !word.is_empty() {
+            text.truncate(text.trim_end().len());
+            text.push('\n');
+            text.extend(std::iter::repeat_n(' ', indent));
+            column = indent;
+        } else if at > 0 {
+            text.push(' ');
+            column += 1;
+        }
+        text.push_str(word);
+        column += width;
+    }
+    text
 }
 
 /// Words serde's mistake at `span` our way; `owner` has the field, such as "stage `represent`" or "`[task]`".
@@ -51,10 +76,26 @@ pub(super) fn of_serde(message: &str, span: Range<usize>, owner: &str, key: Opti
             continue;
         };
         let subject = key.map_or_else(|| owner.to_owned(), |key| format!("`{key}`"));
-        return Diagnostic::at(span, format!("{subject} takes {}, but is {}", plain_type(expected), plain_found(found)));
+        return Diagnostic::at(
+            span,
+            format!("{subject} takes {}, but is {}", plain_type(expected), plain_found(found)),
+        );
     }
     let text = message.lines().next().unwrap_or_default();
     Diagnostic::at(span, key.map_or_else(|| format!("{owner}: {text}"), |key| format!("`{key}`: {text}")))
+}
+
+/// What a value is.
+pub(super) fn what(value: &DeValue<'_>) -> &'static str {
+    match value {
+        DeValue::String(_) => "a text",
+        DeValue::Integer(_) => "a whole number",
+        DeValue::Float(_) => "a fraction",
+        DeValue::Boolean(_) => "true or false",
+        DeValue::Datetime(_) => "a date",
+        DeValue::Array(_) => "a list",
+        DeValue::Table(_) => "a table",
+    }
 }
 
 fn plain_type(expected: &str) -> String {
@@ -66,6 +107,7 @@ fn plain_type(expected: &str) -> String {
             "a whole number from 1 up".to_owned()
         }
         "a boolean" => "true or false".to_owned(),
+        "a string" => "a text".to_owned(),
         "a sequence" => "a list".to_owned(),
         other if other.starts_with("struct ") || other == "a map" => "a table".to_owned(),
         other => other.to_owned(),
@@ -78,7 +120,14 @@ fn plain_found(found: &str) -> String {
         "sequence" => "a list".to_owned(),
         other => match other.strip_prefix("string ").map(|text| text.trim_matches('"')) {
             Some(text) => format!("the text `{text}`"),
-            None => format!("the {}", other.replace("floating point", "fraction").replace("integer", "number")),
+            None => format!(
+                "the {}",
+                other
+                    .replace(" as i128", "")
+                    .replace(" as u128", "")
+                    .replace("floating point", "fraction")
+                    .replace("integer", "number")
+            ),
         },
     }
 }
