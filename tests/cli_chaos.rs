@@ -4,7 +4,12 @@
 
 mod toy;
 
-use std::{path::PathBuf, process::{Child, Command, Stdio}, thread::sleep, time::{Duration, Instant}};
+use std::{
+    path::PathBuf,
+    process::{Child, Command, Stdio},
+    thread::sleep,
+    time::{Duration, Instant},
+};
 
 use rand::{RngExt as _, SeedableRng as _};
 use serde_json::json;

@@ -2,7 +2,11 @@
 
 mod toy;
 
-use std::{fs, io::{BufRead as _, BufReader}, process::Stdio};
+use std::{
+    fs,
+    io::{BufRead as _, BufReader},
+    process::Stdio,
+};
 
 use serde_json::{Value, json};
 use toy::{Ended, Toy, assert_snapshot};
@@ -131,7 +135,11 @@ fn a_failing_stage_is_exit_code_1_and_names_its_cause() {
     let toy = Toy::new();
     let ended = toy.run("run toy.toml --progress none -S evaluate.fail=broken");
     assert_eq!(ended.code, Some(1));
-    assert!(ended.err.contains("error: evaluate@0 (toy_evaluate) failed: broken\n  = what it recorded until then: "), "{}", ended.err);
+    assert!(
+        ended.err.contains("error: evaluate@0 (toy_evaluate) failed: broken\n  = what it recorded until then: "),
+        "{}",
+        ended.err
+    );
     assert!(ended.err.contains("finished nodes are kept; the same command goes on from there"), "{}", ended.err);
     assert_eq!(toy.run("run toy.toml -k -S evaluate.fail=broken --json").json()["failed"], json!(3));
 }

@@ -103,7 +103,11 @@ fn a_damaged_entry_is_a_miss() {
     for (damaged, times) in [("empty", 0), ("cut", 40), ("flipped", usize::MAX)] {
         let path = bench.entry(&report, "b");
         let mut bytes = fs::read(&path).unwrap();
-        if times == usize::MAX { bytes[200] ^= 4 } else { bytes.truncate(times) }
+        if times == usize::MAX {
+            bytes[200] ^= 4
+        } else {
+            bytes.truncate(times)
+        }
         fs::remove_file(&path).unwrap();
         fs::write(&path, bytes).unwrap();
         assert_eq!(bench.run(&chain(1)).1.ran(), ["b"], "{damaged}");

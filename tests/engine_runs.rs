@@ -2,11 +2,22 @@
 
 mod engine_kinds;
 
-use std::{fs, sync::{Arc, atomic::{AtomicBool, Ordering}}, thread, time::Duration};
+use std::{
+    fs,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+    time::Duration,
+};
 
 use carl_pipe::{
     engine::{
-        events::{NodeState::{Cached, Failed, Pending, Ran, Stopped}, RunState},
+        events::{
+            NodeState::{Cached, Failed, Pending, Ran, Stopped},
+            RunState,
+        },
         execute::Options,
         gc,
         manifest::Manifest,
@@ -21,7 +32,8 @@ use serde_json::json;
 
 fn wide() -> Graph {
     let parts: Vec<String> = (0..12).map(|part| format!("part@{part}")).collect();
-    let mut nodes: Vec<_> = parts.iter().map(|name| (name.as_str(), json!({"plus": name.len(), "name": name}), &[][..])).collect();
+    let mut nodes: Vec<_> =
+        parts.iter().map(|name| (name.as_str(), json!({"plus": name.len(), "name": name}), &[][..])).collect();
     let names: Vec<&str> = parts.iter().map(String::as_str).collect();
     nodes.push(("sum", json!({}), &names));
     graph(&nodes)
@@ -132,7 +144,8 @@ fn a_replay_names_the_first_file_that_differs() {
     let dice = bench.path("dice");
     fs::write(&dice, "3").unwrap();
     let throw = json!({"behaviour": format!("read:{}", dice.display())});
-    let (report, _) = bench.run(&graph(&[("a", json!({}), &[]), ("throw", throw, &["a"]), ("c", json!({}), &["throw"])]));
+    let (report, _) =
+        bench.run(&graph(&[("a", json!({}), &[]), ("throw", throw, &["a"]), ("c", json!({}), &["throw"])]));
     fs::write(&dice, "5").unwrap();
     let scratch = Store::open(&bench.path("scratch")).unwrap();
     let manifest = Manifest::read(&report.path).unwrap();

@@ -1,9 +1,19 @@
 //! Reads the pipeline that a verb names, and picks nodes out of it.
 
-use std::{fs, path::{Path, PathBuf}};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
-use super::{exit::{Error, Exit, Message}, out::Colour};
-use crate::{engine::plan::select, pipeline::{self, Graph, Overrides, Source}, stage::Kind};
+use super::{
+    exit::{Error, Exit, Message},
+    out::Colour,
+};
+use crate::{
+    engine::plan::select,
+    pipeline::{self, Graph, Overrides, Source},
+    stage::Kind,
+};
 
 /// The pipeline file and what the command line changes in it.
 #[derive(Debug, clap::Args)]
@@ -34,12 +44,7 @@ pub(crate) struct Loaded {
 }
 
 /// Reads a pipeline file.
-pub(crate) fn load(
-    path: &Path,
-    changes: &ChangeArgs,
-    kinds: &'static [Kind],
-    colour: Colour,
-) -> Result<Loaded, Error> {
+pub(crate) fn load(path: &Path, changes: &ChangeArgs, kinds: &'static [Kind], colour: Colour) -> Result<Loaded, Error> {
     let shown = path.display().to_string();
     let bytes = fs::read(path).map_err(|error| unreadable(path, &error))?;
     let overrides = Overrides { set: changes.set.clone(), sweep: changes.sweep.clone() };
@@ -63,7 +68,10 @@ fn unreadable(path: &Path, error: &std::io::Error) -> Error {
     match nearest(&name, stems.iter().map(String::as_str)) {
         Some(stem) => failure.help(format!("did you mean `pipelines/{stem}.toml`?")),
         None if files.is_empty() => failure,
-        None => failure.help(format!("there are {}", stems.iter().map(|stem| format!("`pipelines/{stem}.toml`")).collect::<Vec<_>>().join(", "))),
+        None => failure.help(format!(
+            "there are {}",
+            stems.iter().map(|stem| format!("`pipelines/{stem}.toml`")).collect::<Vec<_>>().join(", ")
+        )),
     }
 }
 

@@ -1,6 +1,10 @@
 //! `carl-pipe gc`: removes what no kept run names.
 
-use super::{Global, exit::{Error, Exit}, out};
+use super::{
+    Global,
+    exit::{Error, Exit},
+    out,
+};
 use crate::engine::{gc::clean, store::Store};
 
 /// The arguments of `gc`.

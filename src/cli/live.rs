@@ -6,9 +6,14 @@ use std::{
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::{Mutex, PoisonError},
+    thread::sleep,
+    time::{Duration, Instant},
 };
 
 use crate::engine::{events::Event, store::Store};
+
+/// How long a finished run waits for its view to write a file.
+const PATIENCE: Duration = Duration::from_secs(20);
 
 /// Starts `carl-pipe view --follow` when the run begins, and watches whether it lives.
 pub(crate) struct LiveView {
@@ -53,6 +58,19 @@ impl LiveView {
             }
             Err(error) => Some(format!("no live view: {error}")),
         }
+    }
+
+    /// Waits a while for a view that writes a file; any other goes on alone.
+    pub(crate) fn close(&self) -> Option<String> {
+        let start = Instant::now();
+        while self.sink.starts_with("save=") && start.elapsed() < PATIENCE {
+            let warning = self.has_died();
+            if warning.is_some() || self.running.lock().unwrap_or_else(PoisonError::into_inner).is_none() {
+                return warning;
+            }
+            sleep(Duration::from_millis(20));
+        }
+        None
     }
 
     fn has_died(&self) -> Option<String> {

@@ -122,9 +122,12 @@ pub(crate) fn show(global: &Global, args: &ShowArgs) -> Result<Exit, Error> {
         for node in &nodes {
             out::line(&format!("\n{} {}", paint.bold(&node.name), node.params));
             let prefix = format!("{}.", runs::file_name(&node.name));
-            let mut files: Vec<_> = std::fs::read_dir(&run_dir).into_iter().flatten().flatten().map(|item| item.path()).collect();
+            let mut files: Vec<_> =
+                std::fs::read_dir(&run_dir).into_iter().flatten().flatten().map(|item| item.path()).collect();
             files.sort();
-            let is_its = |path: &std::path::PathBuf| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(&prefix));
+            let is_its = |path: &std::path::PathBuf| {
+                path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(&prefix))
+            };
             files.iter().filter(|path| is_its(path)).for_each(|path| out::line(&format!("  {}", path.display())));
         }
     }

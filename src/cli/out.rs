@@ -1,6 +1,9 @@
 //! Words for a terminal: colour where wanted, durations, tables.
 
-use std::{io::{self, IsTerminal as _, Write as _}, process};
+use std::{
+    io::{self, IsTerminal as _, Write as _},
+    process,
+};
 
 /// Writes to standard output; a reader that went away ends the program quietly.
 pub(crate) fn print(text: &str) {
@@ -127,8 +130,9 @@ pub(crate) fn figure(value: f64) -> String {
 /// Lays rows out in columns, two spaces between; colours do not count as width.
 pub(crate) fn table(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let widths: Vec<usize> =
-        (0..columns).map(|at| rows.iter().filter_map(|row| row.get(at)).map(|cell| width(cell)).max().unwrap_or(0)).collect();
+    let widths: Vec<usize> = (0..columns)
+        .map(|at| rows.iter().filter_map(|row| row.get(at)).map(|cell| width(cell)).max().unwrap_or(0))
+        .collect();
     let mut text = String::new();
     for row in rows {
         let mut line = String::new();
@@ -161,7 +165,11 @@ fn width(cell: &str) -> usize {
 pub(crate) fn command(argv: &[String]) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:@+%".contains(c);
     let quote = |word: &String| {
-        if !word.is_empty() && word.chars().all(is_plain) { word.clone() } else { format!("'{}'", word.replace('\'', r"'\''")) }
+        if !word.is_empty() && word.chars().all(is_plain) {
+            word.clone()
+        } else {
+            format!("'{}'", word.replace('\'', r"'\''"))
+        }
     };
     argv.iter().map(quote).collect::<Vec<_>>().join(" ")
 }

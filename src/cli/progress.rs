@@ -9,7 +9,11 @@ use std::{
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::{Global, out::{self, Paint, duration}, stop::Stop};
+use super::{
+    Global,
+    out::{self, Paint, duration},
+    stop::Stop,
+};
 use crate::engine::events::{Event, Listener, NodeState};
 
 /// How to show progress.
@@ -61,7 +65,12 @@ fn sentence(event: &Event, paint: Paint, verbose: bool) -> Option<String> {
             Some(format!("{} {pipeline}: {nodes} nodes{seed} {}", paint.bold("run"), paint.dim(&format!("({run})"))))
         }
         Event::Figure { node, round, name, value } if name == "percent_goal" => {
-            let place = round.map_or_else(|| node.clone(), |round| format!("round {round}"));
+            let stage = node.split(['@', '[']).next().unwrap_or(node);
+            let place = match round {
+                Some(round) if stage == "evaluate" => format!("round {round}"),
+                Some(round) => format!("round {round} {stage}"),
+                None => stage.to_owned(),
+            };
             // At a point of a matrix the round alone would not tell which.
             let point = node.split_once('[').map_or_else(String::new, |(_, point)| format!(" [{point}"));
             Some(format!("{place}{point}  {name} {}", paint.bold(&out::figure(*value))))

@@ -57,8 +57,8 @@ pub(crate) fn replay(global: &Global, args: &Args, kinds: &'static [Kind]) -> Re
     let options = Options { jobs: args.jobs.unwrap_or(defaults.jobs), stop: stop.flag.clone(), ..defaults };
     let listener = Quiet(progress::new(args.progress.resolve(args.json, global.quiet), global, stop));
     let find = |name: &str| kinds.iter().find(|kind| kind.name == name);
-    let result = Store::open(&scratch)
-        .and_then(|empty| replay_run(&manifest, &store, &empty, &options, &find, &listener));
+    let result =
+        Store::open(&scratch).and_then(|empty| replay_run(&manifest, &store, &empty, &options, &find, &listener));
     listener.0.close();
     let _ = std::fs::remove_dir_all(&scratch);
     let replayed = result?;

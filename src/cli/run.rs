@@ -101,6 +101,9 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
         view: args.rerun.clone().map(|sink| LiveView::new(sink, &store)),
     };
     let report = execute::run(&store, &order, &options, &audience)?;
+    if let Some(text) = audience.view.as_ref().and_then(LiveView::close) {
+        audience.progress.hear(&Event::Warning { node: None, text });
+    }
     audience.progress.close();
     if args.json {
         out::line(&summary::json(&report).to_string());

@@ -1,25 +1,29 @@
 //! Ctrl-C: once to stop at the next tick, twice to stop now.
 
-use std::sync::{Arc, atomic::{AtomicBool, AtomicUsize, Ordering}};
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering},
+};
 
 use anyhow::Context as _;
-use signal_hook::{consts::{SIGHUP, SIGINT, SIGTERM}, flag};
+use signal_hook::{
+    consts::{SIGHUP, SIGINT, SIGTERM},
+    flag,
+};
 
 /// What was asked for by signal.
 #[derive(Debug, Clone)]
 pub(crate) struct Stop {
     pub(crate) flag: Arc<AtomicBool>,
-    signal: Arc<AtomicUsize>,
 }
 
 impl Stop {
     /// Hears signals from now on.
     pub(crate) fn listen() -> anyhow::Result<Self> {
-        let stop = Self { flag: Arc::default(), signal: Arc::default() };
+        let stop = Self { flag: Arc::default() };
         for signal in [SIGINT, SIGTERM, SIGHUP] {
             // The order matters: the second signal finds the flag set by the first and ends the process.
             flag::register_conditional_shutdown(signal, 128 + signal, stop.flag.clone())
-                .and_then(|_| flag::register_usize(signal, stop.signal.clone(), signal as usize))
                 .and_then(|_| flag::register(signal, stop.flag.clone()))
                 .context("cannot listen for Ctrl-C")?;
         }

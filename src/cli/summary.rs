@@ -4,9 +4,15 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
 
-use super::{Global, out::{self, Paint, duration}};
+use super::{
+    Global,
+    out::{self, Paint, duration},
+};
 use crate::{
-    engine::{events::{NodeState, RunState}, execute::{NodeReport, Report}},
+    engine::{
+        events::{NodeState, RunState},
+        execute::{NodeReport, Report},
+    },
     pipeline::Graph,
 };
 
@@ -56,7 +62,11 @@ pub(crate) fn print(report: &Report, graph: &Graph, global: &Global, json: bool,
     }
     if report.state == RunState::Interrupted {
         let kept = report.count(NodeState::Ran) + report.count(NodeState::Cached);
-        out::note(&format!("{} {kept} of {} nodes are finished and kept", paint.yellow("interrupted:"), report.nodes.len()));
+        out::note(&format!(
+            "{} {kept} of {} nodes are finished and kept",
+            paint.yellow("interrupted:"),
+            report.nodes.len()
+        ));
         out::note(&format!("  = {} go on with `{}`", paint.bold("help:"), out::command(argv)));
     }
 }
@@ -64,9 +74,12 @@ pub(crate) fn print(report: &Report, graph: &Graph, global: &Global, json: bool,
 fn table(report: &Report, paint: Paint) -> String {
     let mut rows = Vec::new();
     if report.nodes.len() <= ROWS {
-        rows.extend(report.nodes.iter().map(|node| {
-            vec![node.name.clone(), state(node.state, paint), time(node.secs), key_figure(node)]
-        }));
+        rows.extend(
+            report
+                .nodes
+                .iter()
+                .map(|node| vec![node.name.clone(), state(node.state, paint), time(node.secs), key_figure(node)]),
+        );
     } else {
         let mut stages: Vec<(&str, Vec<&NodeReport>)> = Vec::new();
         for node in &report.nodes {
@@ -86,7 +99,8 @@ fn stage_row(stage: &str, nodes: &[&NodeReport], paint: Paint) -> Vec<String> {
         counts.entry(node.state as u8).or_insert((node.state, 0)).1 += 1;
     }
     let states = counts.values().map(|(it, count)| format!("{} {count}", state(*it, paint)));
-    let figure = nodes.iter().rev().find(|node| !node.figures.is_empty()).map_or_else(String::new, |node| key_figure(node));
+    let figure =
+        nodes.iter().rev().find(|node| !node.figures.is_empty()).map_or_else(String::new, |node| key_figure(node));
     let secs: f64 = nodes.iter().map(|node| node.secs).sum();
     vec![format!("{stage} x{}", nodes.len()), states.collect::<Vec<_>>().join(", "), time(secs), figure]
 }
@@ -139,6 +153,9 @@ fn failure(node: &NodeReport, report: &Report, graph: &Graph, paint: Paint) -> S
         lines.push(format!("  = what it recorded until then: {}", recording.display()));
     }
     let kept = report.count(NodeState::Ran) + report.count(NodeState::Cached);
-    lines.push(format!("  = {} {kept} finished nodes are kept; the same command goes on from there", paint.bold("help:")));
+    lines.push(format!(
+        "  = {} {kept} finished nodes are kept; the same command goes on from there",
+        paint.bold("help:")
+    ));
     lines.join("\n")
 }

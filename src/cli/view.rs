@@ -8,7 +8,10 @@ use super::{
     out,
     stop::Stop,
 };
-use crate::{engine::runs, record::{self, Sink, Watcher}};
+use crate::{
+    engine::runs,
+    record::{self, Sink, Watcher},
+};
 
 /// The arguments of `view`.
 #[derive(Debug, clap::Args)]

@@ -9,7 +9,10 @@ use super::{
     out::{self, duration},
 };
 use crate::{
-    engine::{plan::{Force, Plan, State, plan, select}, why::{History, Reason, reason}},
+    engine::{
+        plan::{Force, Plan, State, plan, select},
+        why::{History, Reason, reason},
+    },
     pipeline::{Graph, NodeId},
     stage::Kind,
 };
@@ -72,7 +75,9 @@ fn told(graph: &Graph, plan: &Plan, id: NodeId, reason: &Reason, global: &Global
             ),
             _ => format!("{name} is up to date\n"),
         },
-        Reason::Changed { changes, since } => format!("{}{}", changed(changes), paint.dim(&format!("  since run {since}\n"))),
+        Reason::Changed { changes, since } => {
+            format!("{}{}", changed(changes), paint.dim(&format!("  since run {since}\n")))
+        }
         Reason::Waiting { on, changes } => {
             format!("{}{name}: takes what {} will make\n", changed(changes), on.join(", "))
         }

@@ -1,11 +1,19 @@
 //! Removes what no kept run names: entries first, then objects, so that a kill half-way loses nothing kept.
 
-use std::{collections::BTreeSet, fs, path::{Path, PathBuf}};
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context as _, bail};
 use serde::Serialize;
 
-use super::{manifest::Manifest, runs, store::{Store, object_below_root}};
+use super::{
+    manifest::Manifest,
+    runs,
+    store::{Store, object_below_root},
+};
 use crate::digest::Digest;
 
 /// What a cleaning removes, or would.

@@ -4,7 +4,10 @@
 
 use serde_json::{Map, Value, json};
 
-use crate::{digest::Digest, pipeline::{Node, NodeId}};
+use crate::{
+    digest::Digest,
+    pipeline::{Node, NodeId},
+};
 
 /// The arithmetic that results depend on: a constant, never the features of the processor at hand.
 pub const PLATFORM: &str = "x86_64-fma-1";
@@ -25,8 +28,10 @@ impl Key {
         for (port, sources) in &node.inputs {
             // Empty ports stay out, so that a kind may gain an optional port.
             if !sources.is_empty() {
-                let digests: Option<Vec<_>> =
-                    sources.iter().map(|&source| content(source).map(|digest| Value::from(digest.to_string()))).collect();
+                let digests: Option<Vec<_>> = sources
+                    .iter()
+                    .map(|&source| content(source).map(|digest| Value::from(digest.to_string())))
+                    .collect();
                 inputs.insert(port.name.to_owned(), Value::Array(digests?));
             }
         }

@@ -6,7 +6,12 @@ use anyhow::{Context as _, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{events::{NodeState, RunState}, key, runs::utc_now, store};
+use super::{
+    events::{NodeState, RunState},
+    key,
+    runs::utc_now,
+    store,
+};
 use crate::{
     digest::Digest,
     env::Task,
@@ -234,7 +239,8 @@ impl Manifest {
 
 fn this_host() -> Host {
     Host {
-        name: fs::read_to_string("/proc/sys/kernel/hostname").map_or_else(|_| String::new(), |name| name.trim().to_owned()),
+        name: fs::read_to_string("/proc/sys/kernel/hostname")
+            .map_or_else(|_| String::new(), |name| name.trim().to_owned()),
         cores: std::thread::available_parallelism().map_or(1, usize::from),
         system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
     }

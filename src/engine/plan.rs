@@ -4,8 +4,14 @@
 
 use std::collections::BTreeSet;
 
-use super::{key::Key, store::{Entry, Found, Store}};
-use crate::{digest::Digest, pipeline::{Graph, NodeId}};
+use super::{
+    key::Key,
+    store::{Entry, Found, Store},
+};
+use crate::{
+    digest::Digest,
+    pipeline::{Graph, NodeId},
+};
 
 /// What a node needs.
 #[derive(Debug)]

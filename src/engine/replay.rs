@@ -72,7 +72,9 @@ fn compare(old: &NodeRecord, new: &NodeRecord, store: &Store, scratch: &Store) -
     };
     if let Some(recorded) = old.output.filter(|_| old.output != new.output) {
         let files = |store: &Store, node: &NodeRecord| -> anyhow::Result<Option<Entry>> {
-            node.key.map_or(Ok(None), |key| store.entry(key)).map(|entry| entry.filter(|it| Some(it.output) == node.output))
+            node.key
+                .map_or(Ok(None), |key| store.entry(key))
+                .map(|entry| entry.filter(|it| Some(it.output) == node.output))
         };
         if let (Some(before), Some(now)) = (files(store, old)?, files(scratch, new)?) {
             for file in &before.files {

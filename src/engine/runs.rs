@@ -10,7 +10,10 @@ use std::{
 
 use anyhow::{Context as _, bail};
 
-use super::{manifest::Manifest, store::{is_held, object_below_root}};
+use super::{
+    manifest::Manifest,
+    store::{is_held, object_below_root},
+};
 use crate::{digest::Digest, engine::store};
 
 /// The folder of a run that is being made; others see it as alive while this value lives.
@@ -101,9 +104,11 @@ pub fn list(runs: &Path) -> anyhow::Result<Vec<String>> {
 pub fn find(runs: &Path, wanted: &str) -> anyhow::Result<PathBuf> {
     let ids = list(runs)?;
     if wanted == "latest" {
-        return match ids.first() {
-            Some(newest) => Ok(runs.join(fs::read_link(runs.join("latest")).unwrap_or_else(|_| PathBuf::from(newest)))),
-            None => bail!("there are no runs in {} yet; start one with `carl-pipe run PIPELINE`", runs.display()),
+        let pointed = fs::read_link(runs.join("latest")).map(|id| runs.join(id)).ok().filter(|path| path.exists());
+        return match (pointed, ids.first()) {
+            (Some(path), _) => Ok(path),
+            (None, Some(newest)) => Ok(runs.join(newest)),
+            _ => bail!("there are no runs in {} yet; start one with `carl-pipe run PIPELINE`", runs.display()),
         };
     }
     let found: Vec<_> = ids.iter().filter(|id| id.starts_with(wanted)).collect();

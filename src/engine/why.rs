@@ -5,7 +5,12 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde_json::Value;
 
-use super::{key::{self, Change}, manifest::{Manifest, NodeRecord}, plan::{Cause, Plan, State}, runs};
+use super::{
+    key::{self, Change},
+    manifest::{Manifest, NodeRecord},
+    plan::{Cause, Plan, State},
+    runs,
+};
 use crate::pipeline::{Graph, Node, NodeId};
 
 /// How far back to look for a node.
@@ -143,7 +148,8 @@ pub fn reason(graph: &Graph, plan: &Plan, id: NodeId, history: &mut History) -> 
 fn name_inputs(node: &Node, graph: &Graph, changes: Vec<Change>) -> Vec<Change> {
     let mut named = Vec::new();
     for change in changes {
-        let port = change.path.strip_prefix("input ").and_then(|name| node.inputs.iter().find(|(port, _)| port.name == name));
+        let port =
+            change.path.strip_prefix("input ").and_then(|name| node.inputs.iter().find(|(port, _)| port.name == name));
         let (Some((port, sources)), Some(old), Some(new)) = (port, change.old.as_array(), change.new.as_array()) else {
             named.push(change);
             continue;
@@ -151,7 +157,8 @@ fn name_inputs(node: &Node, graph: &Graph, changes: Vec<Change>) -> Vec<Change> 
         for at in 0..old.len().max(new.len()) {
             let (old, new) = (old.get(at).cloned().unwrap_or_default(), new.get(at).cloned().unwrap_or_default());
             if old != new {
-                let source = sources.get(at).map_or_else(|| format!("{at}"), |&source| graph.nodes[source].name.clone());
+                let source =
+                    sources.get(at).map_or_else(|| format!("{at}"), |&source| graph.nodes[source].name.clone());
                 named.push(Change { path: format!("input {} ({source})", port.name), old, new });
             }
         }

@@ -36,6 +36,7 @@ fn adder(name: &'static str, version: u32) -> Kind {
         preset: |_| json!({}),
         schema: || schemars::schema_for!(u32),
         try_table: |_| Ok(()),
+        canonical: |params| Ok(params.clone()),
         check: |_| Ok(Vec::new()),
         run: add,
     }
@@ -43,7 +44,8 @@ fn adder(name: &'static str, version: u32) -> Kind {
 
 /// The kind, and the same with a higher version.
 pub fn kind(name: &str) -> Option<&'static Kind> {
-    static KINDS: std::sync::LazyLock<[Kind; 2]> = std::sync::LazyLock::new(|| [adder("add", 1), adder("add_again", 1)]);
+    static KINDS: std::sync::LazyLock<[Kind; 2]> =
+        std::sync::LazyLock::new(|| [adder("add", 1), adder("add_again", 1)]);
     KINDS.iter().find(|kind| kind.name == name)
 }
 
@@ -124,7 +126,10 @@ impl Listener for Ear {
 impl Ear {
     pub fn warnings(&self) -> Vec<String> {
         let events = self.0.lock().unwrap();
-        events.iter().filter_map(|it| if let Event::Warning { text, .. } = it { Some(text.clone()) } else { None }).collect()
+        events
+            .iter()
+            .filter_map(|it| if let Event::Warning { text, .. } = it { Some(text.clone()) } else { None })
+            .collect()
     }
 
     /// The nodes that ran, in the order in which they ended.

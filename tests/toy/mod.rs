@@ -140,7 +140,8 @@ fn kinds() -> &'static [Kind] {
 /// Becomes the program when started by [`Toy::command`]; each test file has a test of this name that calls it.
 pub fn be_the_program() {
     if let Ok(argv) = std::env::var("CARL_TOY_ARGV") {
-        let argv: Vec<OsString> = serde_json::from_str::<Vec<String>>(&argv).unwrap().into_iter().map(Into::into).collect();
+        let argv: Vec<OsString> =
+            serde_json::from_str::<Vec<String>>(&argv).unwrap().into_iter().map(Into::into).collect();
         println!("{BEGIN}");
         std::process::exit(carl_pipe::cli::main(&argv, kinds()).into());
     }

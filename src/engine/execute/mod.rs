@@ -9,7 +9,11 @@ mod recording;
 mod scheduler;
 mod worker;
 
-use std::{collections::BTreeMap, path::PathBuf, sync::{Arc, atomic::AtomicBool}};
+use std::{
+    collections::BTreeMap,
+    path::PathBuf,
+    sync::{Arc, atomic::AtomicBool},
+};
 
 use super::{
     events::{Event, Events, Listener, NodeState, RunState},

@@ -1,6 +1,12 @@
 //! Keeps the panics of stages out of the terminal: they become the error of their node, with their place.
 
-use std::{any::Any, collections::BTreeMap, panic, sync::{Mutex, Once, PoisonError}, thread};
+use std::{
+    any::Any,
+    collections::BTreeMap,
+    panic,
+    sync::{Mutex, Once, PoisonError},
+    thread,
+};
 
 /// How the threads of nodes are called.
 const PREFIX: &str = "node ";

@@ -2,7 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::{digest::Digest, engine::{key::Key, runs}, pipeline::Node, record::{NodeInfo, Recorder}};
+use crate::{
+    digest::Digest,
+    engine::{key::Key, runs},
+    pipeline::Node,
+    record::{NodeInfo, Recorder},
+};
 
 /// What is left of a recording when its node has finished.
 #[derive(Debug, Default)]

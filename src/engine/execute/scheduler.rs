@@ -1,6 +1,11 @@
 //! Decides which node works next, and takes in what became of it.
 
-use std::{collections::{BTreeMap, BTreeSet}, sync::{atomic::Ordering, mpsc}, thread, time::{Duration, Instant}};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::{atomic::Ordering, mpsc},
+    thread,
+    time::{Duration, Instant},
+};
 
 use super::{
     Failure, NodeReport, Options, Order, Report,
@@ -61,6 +66,8 @@ pub(super) struct Scheduler<'a> {
     /// Keys that this run has made, so that a forced node runs once.
     made: BTreeSet<Digest>,
     repairs: BTreeMap<NodeId, u32>,
+    /// Nodes that another process was seen to work on.
+    elsewhere: BTreeSet<NodeId>,
     /// When the manifest was last written; never, until a node begins.
     written: Option<Instant>,
 }
@@ -89,6 +96,7 @@ impl<'a> Scheduler<'a> {
             running: BTreeMap::new(),
             made: BTreeSet::new(),
             repairs: BTreeMap::new(),
+            elsewhere: BTreeSet::new(),
             written: None,
         }
     }
@@ -170,7 +178,10 @@ impl<'a> Scheduler<'a> {
             if self.running.values().any(|&running| running == key.digest) {
                 continue;
             }
-            let Some(lock) = self.store.try_lock(key.digest)? else { continue };
+            let Some(lock) = self.store.try_lock(key.digest)? else {
+                self.tell_waiting(id);
+                continue;
+            };
             // Another node or process may have made it since the plan was drawn up.
             let is_forced = self.is_forced(id, &key);
             match look_up(key, is_forced, self.store)? {
@@ -214,7 +225,8 @@ impl<'a> Scheduler<'a> {
     }
 
     fn take_hit(&mut self, id: NodeId, key: &Key, entry: Box<Entry>) {
-        let is_remade = self.made.contains(&key.digest) && self.ends.get(&id).is_some_and(|end| end.1 == NodeState::Ran);
+        let is_remade =
+            self.made.contains(&key.digest) && self.ends.get(&id).is_some_and(|end| end.1 == NodeState::Ran);
         let state = if is_remade { NodeState::Ran } else { NodeState::Cached };
         self.finished(id, key.digest, entry, 0.0, state);
     }
@@ -296,6 +308,14 @@ impl<'a> Scheduler<'a> {
             && let Err(error) = self.write_manifest(false)
         {
             self.events.warn(None, format!("{error:#}"));
+        }
+    }
+
+    fn tell_waiting(&mut self, id: NodeId) {
+        if self.elsewhere.insert(id) {
+            let node = self.order.graph.nodes[id].name.clone();
+            self.events
+                .tell(&Event::Say { node, text: "another process works on it; waiting for its result".to_owned() });
         }
     }
 

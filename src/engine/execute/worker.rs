@@ -1,13 +1,22 @@
 //! One node's work, from verified inputs to a published output.
 
-use std::{panic::{AssertUnwindSafe, catch_unwind}, path::Path, sync::atomic::AtomicBool, time::Instant};
+use std::{
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::Path,
+    sync::atomic::AtomicBool,
+    time::Instant,
+};
 
 use anyhow::Context as _;
 
 use super::{Failure, cores::Cores, host::NodeHost, panics, recording};
 use crate::{
     artifact::Files,
-    engine::{events::Events, key::Key, store::{Draft, Entry, KeyLock, Published, Store}},
+    engine::{
+        events::Events,
+        key::Key,
+        store::{Draft, Entry, KeyLock, Published, Store},
+    },
     nn::Threads,
     pipeline::{Node, NodeId},
     stage::{InputFiles, Interrupted, StageCx},
@@ -42,7 +51,10 @@ pub(super) enum Ended {
     /// The user asked to stop.
     Stopped,
     /// An input cannot be used: its maker has to run again.
-    Damaged { maker: NodeId, what: String },
+    Damaged {
+        maker: NodeId,
+        what: String,
+    },
 }
 
 /// Does a job; returns how it ended and how long it took.
@@ -80,7 +92,9 @@ fn attempt(shop: Shop<'_>, job: &Job<'_>, threads: Threads, start: Instant) -> R
         Err(error) if error.chain().any(|cause| cause.is::<Interrupted>()) => return Ok(Ended::Stopped),
         Err(error) => return Err(Failure { text: format!("{error:#}"), is_store: false }),
     };
-    publish(shop, job, &files, recorder, host, start).map(|published| Ended::Published(Box::new(published))).map_err(of_store)
+    publish(shop, job, &files, recorder, host, start)
+        .map(|published| Ended::Published(Box::new(published)))
+        .map_err(of_store)
 }
 
 fn publish(

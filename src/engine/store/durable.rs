@@ -38,10 +38,7 @@ impl Temporary {
 
     /// Makes the bytes safe and the file read-only.
     pub(super) fn seal(&self) -> anyhow::Result<()> {
-        let sealed = self
-            .file
-            .set_permissions(fs::Permissions::from_mode(0o444))
-            .and_then(|()| self.file.sync_all());
+        let sealed = self.file.set_permissions(fs::Permissions::from_mode(0o444)).and_then(|()| self.file.sync_all());
         sealed.with_context(|| format!("cannot write {}", self.path.display()))
     }
 
@@ -81,7 +78,8 @@ impl Drop for Temporary {
 /// A name in `folder` that nobody else has.
 pub(super) fn fresh_name(folder: &Path) -> PathBuf {
     static COUNT: AtomicU64 = AtomicU64::new(0);
-    let nanos = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |since| since.subsec_nanos());
+    let nanos =
+        std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |since| since.subsec_nanos());
     folder.join(format!("{}-{}-{nanos}.tmp", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed)))
 }
 

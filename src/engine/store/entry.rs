@@ -1,12 +1,20 @@
 //! An entry says what a key made: the files, the recording and the key figures, with a check over itself.
 
-use std::{collections::{BTreeMap, BTreeSet}, fs, io, path::{Path, PathBuf}};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs, io,
+    path::{Path, PathBuf},
+};
 
 use anyhow::Context as _;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{Store, durable::{Temporary, make_folder, sync_folder}, objects::{Seen, Stat, Unusable}};
+use super::{
+    Store,
+    durable::{Temporary, make_folder, sync_folder},
+    objects::{Seen, Stat, Unusable},
+};
 use crate::{artifact::Files, digest::Digest, engine::key::Key};
 
 /// The format of an entry; raised when an older carl-pipe would misread it.
@@ -183,7 +191,8 @@ impl Store {
     fn publish_objects(&self, draft: &Draft<'_>) -> anyhow::Result<Entry> {
         let staged: Vec<_> =
             draft.files.values().map(|bytes| self.stage_bytes(bytes)).collect::<anyhow::Result<_>>()?;
-        let recording = draft.recording.map(|(path, messages)| Ok::<_, anyhow::Error>((self.stage_file(path)?, messages)));
+        let recording =
+            draft.recording.map(|(path, messages)| Ok::<_, anyhow::Error>((self.stage_file(path)?, messages)));
         let recording = recording.transpose()?;
         for object in staged.iter().chain(recording.as_ref().map(|(object, _)| object)) {
             object.seal()?;

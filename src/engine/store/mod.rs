@@ -8,7 +8,11 @@ mod entry;
 mod lock;
 mod objects;
 
-use std::{fs, path::{Path, PathBuf}, time::Duration};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use anyhow::{Context as _, bail};
 use serde_json::json;
@@ -109,7 +113,8 @@ fn prepare(root: &Path) -> anyhow::Result<()> {
     let marker = root.join("store.json");
     match fs::read(&marker) {
         Ok(bytes) => {
-            let format = serde_json::from_slice::<serde_json::Value>(&bytes).ok().and_then(|json| json["format"].as_u64());
+            let format =
+                serde_json::from_slice::<serde_json::Value>(&bytes).ok().and_then(|json| json["format"].as_u64());
             match format {
                 Some(FORMAT) => Ok(()),
                 Some(other) => bail!(

@@ -1,11 +1,18 @@
 //! Bytes by their digest: written once, checked when used, put aside when damaged.
 
-use std::{fs, io, os::unix::fs::MetadataExt as _, path::{Path, PathBuf}};
+use std::{
+    fs, io,
+    os::unix::fs::MetadataExt as _,
+    path::{Path, PathBuf},
+};
 
 use anyhow::Context as _;
 use serde::{Deserialize, Serialize};
 
-use super::{Store, durable::{Temporary, fresh_name, make_folder}};
+use super::{
+    Store,
+    durable::{Temporary, fresh_name, make_folder},
+};
 use crate::digest::Digest;
 
 /// What tells an untouched file without reading it.
