@@ -2,6 +2,7 @@
 
 pub mod artifact;
 pub mod cli;
+pub mod control;
 pub mod diag;
 pub mod digest;
 pub mod engine;

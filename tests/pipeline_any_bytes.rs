@@ -2,18 +2,48 @@
 
 mod pipeline_kinds;
 
-use carl_pipe::pipeline::{Source, load};
+use std::collections::BTreeSet;
+
+use carl_pipe::{
+    pipeline::{Graph, Source, dag_mermaid, dag_text, load},
+    stage::Arity,
+};
 use pipeline_kinds::{ONLINE, kinds, overrides};
 use proptest::prelude::*;
 
 /// Loads, and renders the mistakes, since spans may be wrong too.
 fn read(bytes: &[u8], set: &[&str], sweep: &[&str]) {
-    if let Err(mistakes) = load(&Source { path: "p.toml", bytes }, &overrides(set, sweep), kinds()) {
-        assert!(!mistakes.list().is_empty());
-        assert!(mistakes.render(false).contains("error"));
-        mistakes.render(true);
-        mistakes.to_json();
+    match load(&Source { path: "p.toml", bytes }, &overrides(set, sweep), kinds()) {
+        Ok(graph) => hold_promises(&graph),
+        Err(mistakes) => {
+            assert!(!mistakes.list().is_empty());
+            assert!(mistakes.render(false).contains("error"));
+            mistakes.render(true);
+            mistakes.to_json();
+        }
     }
+}
+
+/// What every graph promises to those who run it.
+fn hold_promises(graph: &Graph) {
+    let names: BTreeSet<&str> = graph.nodes.iter().map(|node| node.name.as_str()).collect();
+    assert_eq!(names.len(), graph.nodes.len(), "names are unique");
+    for (at, node) in graph.nodes.iter().enumerate() {
+        assert_eq!(node.inputs.len(), node.kind.ports.len());
+        for (port, givers) in &node.inputs {
+            let fits = match port.arity {
+                Arity::One => givers.len() == 1,
+                Arity::Optional => givers.len() <= 1,
+                Arity::Many => !givers.is_empty(),
+            };
+            assert!(fits, "{} {}", node.name, port.name);
+            assert!(givers.iter().all(|giver| *giver < at && graph.nodes[*giver].kind.output == port.artifact));
+        }
+        let refusals = (node.kind.check)(&node.params).expect("explicit parameters are read");
+        assert_eq!(refusals, []);
+    }
+    dag_text(graph);
+    dag_mermaid(graph);
 }
 
 const SPARE: &[&str] = &[

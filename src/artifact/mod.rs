@@ -1,6 +1,18 @@
 //! The typed values that stages hand to each other, and how they lie on disk.
 
+mod agent;
+mod evaluation;
+mod latent_map;
+mod lce_model;
+mod tensors;
+mod transitions;
+
 use std::collections::BTreeMap;
+
+pub use evaluation::{EpisodeResult, Evaluation};
+pub use latent_map::LatentMap;
+pub use lce_model::TrainedModel;
+pub use transitions::Transitions;
 
 /// The files of one artifact by name: every file becomes one content-addressed object of the store.
 pub type Files = BTreeMap<String, Vec<u8>>;
@@ -18,4 +30,11 @@ pub trait Artifact: Sized + Send + 'static {
 
     /// Reads what `save` wrote; says what is wrong with files that it did not write.
     fn load(files: &Files) -> anyhow::Result<Self>;
+}
+
+/// A metrics file: readable JSON, one field a line.
+fn json<T: serde::Serialize>(value: &T) -> anyhow::Result<Vec<u8>> {
+    let mut bytes = serde_json::to_vec_pretty(value)?;
+    bytes.push(b'\n');
+    Ok(bytes)
 }

@@ -2,12 +2,13 @@
 
 use std::{
     collections::BTreeMap,
+    fmt,
     io::IsTerminal as _,
     sync::{Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
 
-use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 
 use super::{
     Global,
@@ -191,7 +192,7 @@ impl Bars {
         if let Some(bar) = state.running.get(node) {
             if bar.length() != Some(total) {
                 bar.set_length(total);
-                bar.set_style(style("  {prefix} {bar:24.cyan/dim} {pos}/{len}  {per_sec}  {eta} left  {wide_msg}"));
+                bar.set_style(style("  {prefix} {bar:24.cyan/dim} {pos}/{len}  {rate}  {eta} left  {wide_msg}"));
             }
             bar.set_position(done);
             bar.set_message(note.to_owned());
@@ -204,7 +205,11 @@ impl Bars {
 }
 
 fn style(template: &str) -> ProgressStyle {
-    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()).progress_chars("━╸─")
+    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    let rate = |state: &ProgressState, text: &mut dyn fmt::Write| {
+        let _ = write!(text, "{}/s", out::figure(state.per_sec()));
+    };
+    style.with_key("rate", rate).progress_chars("━╸─")
 }
 
 impl Listener for Bars {

@@ -1,10 +1,10 @@
 //! The backward dynamics B(z', u, x) -> z: three affine layers side by side, a joint layer with ReLU, a Gaussian head.
 
 use super::{
-    columns::{Block, BlockMut, cut_together},
     model::Sizes,
 };
 use crate::nn::{
+    columns::{Block, BlockMut, cut_together},
     Real,
     mat::Into,
     mlp::{Layout, Linear, mask},

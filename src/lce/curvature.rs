@@ -1,10 +1,10 @@
 //! The curvature loss L_cur: how far F's mean is from its own linearisation nearby.
 
 use super::{
-    columns::{Block, BlockMut, cut_together},
     model::Nets,
 };
 use crate::nn::{
+    columns::{Block, BlockMut, cut_together},
     Real,
     mat::Into,
     mlp::{Pass, PassMut},

@@ -1,7 +1,7 @@
 //! The latent controllable embedding: encoder, dynamics, decoder and backward dynamics, and what trains them.
 
 mod backward;
-mod columns;
+
 mod curvature;
 pub mod model;
 pub mod objective;

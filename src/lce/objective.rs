@@ -5,11 +5,11 @@
 
 use super::{
     backward::{BackwardMut, BackwardPass},
-    columns::{Block, BlockMut, cut_together, over_samples},
     curvature::{Curvature, CurvatureMut},
     model::LceModel,
 };
 use crate::nn::{
+    columns::{Block, BlockMut, cut_together, over_samples},
     Real, heads,
     mat::Into,
     mlp::{Pass, PassMut},

@@ -1,0 +1,165 @@
+//! Trains an LCE model on transitions: batches, noise, the schedule of the loss, Adam.
+
+use super::{
+    model::LceModel,
+    objective::{Batch, Regularizer, Terms, Weights, Workspace, noise_width},
+    warm_up::{WarmUp, WarmUpBatch, WarmUpTerms, WarmUpWorkspace},
+};
+use crate::{
+    nn::{
+        Real,
+        adam::{Adam, AdamSettings},
+        noise,
+        pictures::Pictures,
+    },
+    rng::Rng,
+};
+
+/// Samples of a batch (paper, "Training Hyper-Parameters").
+pub const BATCH: usize = 128;
+
+/// Transitions (x, u, x') in the form that training reads. No state is in it.
+#[derive(Debug, Clone)]
+pub struct Data<T = f32> {
+    /// Pictures 2i and 2i + 1 are x and x' of transition i.
+    pub pictures: Pictures,
+    /// Actions in -1..1, one column for every transition.
+    pub actions: Vec<T>,
+    /// Components of an action.
+    pub action_dim: usize,
+}
+
+impl<T> Data<T> {
+    /// How many transitions.
+    pub fn len(&self) -> usize {
+        self.actions.len() / self.action_dim
+    }
+
+    /// True without transitions.
+    pub fn is_empty(&self) -> bool {
+        self.actions.is_empty()
+    }
+}
+
+/// The paper's loss as it is used in training.
+#[derive(Clone, Copy)]
+pub struct Objective<'a, T> {
+    /// Weights of the terms.
+    pub weights: Weights,
+    /// The curvature's standard deviation.
+    pub curvature_sigma: f64,
+    /// How far one unit of action moves the code in the anchor.
+    pub anchor_scale: f64,
+    /// Value-guided weights for every transition of the data.
+    pub guidance: Option<&'a [T]>,
+    /// L_reg by transition of the data.
+    pub regularizer: Option<Regularizer<'a, T>>,
+}
+
+
+impl<T> std::fmt::Debug for Objective<'_, T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Objective").field("weights", &self.weights).finish_non_exhaustive()
+    }
+}
+
+/// A model in training: its optimiser and buffers.
+#[derive(Debug)]
+pub struct Trainer<T = f32> {
+    /// The model.
+    pub model: LceModel<T>,
+    /// Its optimiser.
+    pub adam: Adam<T>,
+    settings: AdamSettings,
+    workspace: Workspace<T>,
+    warm_up: WarmUpWorkspace<T>,
+    batch: Gathered<T>,
+}
+
+/// Buffers for what a batch is gathered into.
+#[derive(Debug, Default)]
+struct Gathered<T> {
+    pairs: Vec<u32>,
+    x: Vec<u32>,
+    actions: Vec<T>,
+    noise: Vec<T>,
+    guidance: Vec<T>,
+}
+
+impl<T: Real> Gathered<T> {
+    fn gather(&mut self, data: &Data<T>, which: &[u32], noise_width: usize, rng: &mut Rng) {
+        self.pairs.clear();
+        self.x.clear();
+        self.actions.clear();
+        for &i in which {
+            self.pairs.extend([2 * i, 2 * i + 1]);
+            self.x.push(2 * i);
+            self.actions.extend_from_slice(&data.actions[i as usize * data.action_dim..][..data.action_dim]);
+        }
+        self.noise.resize(which.len() * noise_width, T::nil());
+        noise::fill_normal(rng, &mut self.noise);
+    }
+}
+
+impl<T: Real> Trainer<T> {
+    /// Goes on training `model` with the optimiser's state.
+    pub fn new(model: LceModel<T>, adam: Adam<T>, settings: AdamSettings) -> Self {
+        let workspace = Workspace::new(&model, BATCH);
+        let warm_up = WarmUpWorkspace::new(&model, BATCH);
+        Self { model, adam, settings, workspace, warm_up, batch: Gathered::default() }
+    }
+
+    /// One step of the warm-up on the transitions `which`.
+    pub fn warm_up_step(
+        &mut self,
+        threads: usize,
+        data: &Data<T>,
+        which: &[u32],
+        settings: &WarmUp,
+        rng: &mut Rng,
+        measure: bool,
+    ) -> WarmUpTerms {
+        self.batch.gather(data, which, 2 * self.model.sizes.latent, rng);
+        let Gathered { pairs, actions, noise, .. } = &self.batch;
+        let batch = WarmUpBatch { pictures: &data.pictures, pairs, actions, noise };
+        let terms = self.warm_up.step(threads, &self.model, settings, &batch, measure);
+        self.adam.step(threads, self.settings, &mut self.model.arena, self.warm_up.gradient());
+        terms
+    }
+
+    /// One step of the paper's loss on the transitions `which`.
+    pub fn step(
+        &mut self,
+        threads: usize,
+        data: &Data<T>,
+        which: &[u32],
+        objective: &Objective<'_, T>,
+        rng: &mut Rng,
+        measure: bool,
+    ) -> Terms {
+        let width = noise_width(self.model.sizes.latent, self.model.sizes.action);
+        self.batch.gather(data, which, width, rng);
+        if let Some(guidance) = objective.guidance {
+            self.batch.guidance.clear();
+            self.batch.guidance.extend(which.iter().map(|&i| guidance[i as usize]));
+        }
+        let Gathered { pairs, x, actions, noise, guidance } = &self.batch;
+        let by_sample = |sample: usize, z: &[T], weight: T, d_z: &mut [T]| {
+            objective.regularizer.map_or(T::nil(), |regularizer| regularizer(which[sample] as usize, z, weight, d_z))
+        };
+        let batch = Batch {
+            pictures: &data.pictures,
+            pairs,
+            x,
+            actions,
+            noise,
+            curvature_sigma: objective.curvature_sigma,
+            anchor_scale: objective.anchor_scale,
+            guidance: objective.guidance.map(|_| &guidance[..]),
+            regularizer: objective.regularizer.map(|_| &by_sample as Regularizer<'_, T>),
+        };
+        let terms = self.workspace.step(threads, &self.model, &objective.weights, &batch, measure);
+        self.adam.step(threads, self.settings, &mut self.model.arena, self.workspace.gradient());
+        terms
+    }
+}

@@ -4,10 +4,10 @@
 //! one optimum, a code affine in the position, that can neither collapse nor fold. It uses (x, u, x') alone.
 
 use super::{
-    columns::{Block, BlockMut, cut_together, over_samples},
     model::LceModel,
 };
 use crate::nn::{
+    columns::{Block, BlockMut, cut_together, over_samples},
     Real, heads,
     mat::Into,
     mlp::{Pass, PassMut},

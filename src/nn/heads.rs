@@ -108,11 +108,13 @@ pub fn bernoulli<T: Real>(logits: &[T], pictures: &Pictures, picture: u32) -> T 
 
 /// Sets delta = weight * (sigmoid(logits) - x), the gradient of [`bernoulli`].
 pub fn bernoulli_backward<T: Real>(logits: &[T], pictures: &Pictures, picture: u32, weight: T, delta: &mut [T]) {
+    // Keeps gradients of pixels that are never lit away from subnormal numbers.
+    let steepest = T::of(50.0);
     vectorize(
         #[inline(always)]
         || {
             for (delta, &l) in delta.iter_mut().zip(logits) {
-                *delta = weight / (T::unit() + (-l).e_to());
+                *delta = weight / (T::unit() + (-l).smaller(steepest).e_to());
             }
         },
     );

@@ -63,7 +63,13 @@ pub fn product_transposed<T: Real>(out: &mut [T], into: Into, w: &[T], dy: &[T],
     if n == 0 {
         return;
     }
-    if m == 1 || n == 1 || k == 1 {
+    if m == 1 {
+        for (out, &dy) in out.chunks_exact_mut(k).zip(dy) {
+            for (x, &w) in out.iter_mut().zip(w) {
+                *x = if into == Into::Add { w.fma(dy, *x) } else { w * dy };
+            }
+        }
+    } else if n == 1 || k == 1 {
         for (out, dy) in out.chunks_exact_mut(k).zip(dy.chunks_exact(m)) {
             for (x, w) in out.iter_mut().zip(w.chunks_exact(m)) {
                 let dot = dot(w, dy);

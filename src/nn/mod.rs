@@ -1,6 +1,7 @@
 //! Networks by hand on faer matrices: layers, heads, Adam, kernels.
 
 pub mod adam;
+pub(crate) mod columns;
 pub mod heads;
 pub mod mat;
 pub mod math;

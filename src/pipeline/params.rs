@@ -99,6 +99,7 @@ impl<'a, 'i> Settler<'a, 'i> {
         let kind = stage.kind?;
         let mut table = self.written(at, in_first, point);
         let owner = format!("`{}`", kind.name);
+        let count = self.mistakes.len();
         refuse_unreadable(&mut table, &stage.span, &owner, kind.try_table, &mut self.mistakes);
         let task = self.task(point)?;
         let preset = self.preset(point);
@@ -109,6 +110,8 @@ impl<'a, 'i> Settler<'a, 'i> {
                 self.refuse_out_of_range(stage, kind, &params, &table, preset);
                 Some(params)
             }
+            // What was wrong by itself is reported and gone, and may be missed now.
+            Err(_) if self.mistakes.len() > count => None,
             Err(error) => {
                 let message = format!("the parameters of `{}` do not go together: {error}", stage.name);
                 self.mistakes.push(Diagnostic::at(stage.span.clone(), message));

@@ -2,16 +2,25 @@
 
 use std::collections::BTreeMap;
 
-use rerun::blueprint::{
-    Blueprint, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView, Spatial3DView, Tabs,
-    TextLogView, TimePanel, TimeSeriesView, Vertical,
-    components::{PanelState, PlayState},
+use rerun::{
+    EntityPath, RecordingStream, RecordingStreamBuilder, StoreKind,
+    blueprint::{
+        Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView,
+        Spatial3DView, Tabs, TextLogView, TimePanel, TimeSeriesView, Vertical,
+        components::{Corner2D, LinkAxis, PanelState, PlayState},
+    },
+    external::{
+        re_log_types::{LogMsg, RecordingId},
+        re_sdk_types::blueprint::archetypes::{PlotLegend, TimeAxis},
+    },
 };
 
 use super::topic;
 
+/// Raised with every change of the layout: viewers keep the last layout of an application and prefer it to ours.
+pub(super) const APPLICATION: &str = "carl-pipe-v1";
 /// Values this much smaller than the largest of their topic get a plot of their own.
-const OTHER_SCALE: f64 = 30.0;
+const OTHER_SCALE: f64 = 10.0;
 
 /// What the layout depends on: how many dimensions the latent space has, and which curves are small.
 #[derive(Debug, Default)]
@@ -31,9 +40,11 @@ impl Layout {
         let size = |value: f64| if value.is_finite() { value.abs() } else { 0.0 };
         let largest = values.iter().fold(0.0, |largest: f64, &value| largest.max(size(value)));
         let named = names.iter().zip(values);
-        let small: Vec<_> =
-            named.filter(|&(_, &value)| size(value) * OTHER_SCALE < largest).map(|(name, _)| name.clone()).collect();
-        let splits = TRAIN.iter().any(|(known, _)| *known == topic) && !small.is_empty();
+        let small: Vec<_> = named
+            .filter(|&(_, &value)| value != 0.0 && size(value) * OTHER_SCALE < largest)
+            .map(|(name, _)| name.clone())
+            .collect();
+        let splits = [topic::TRAIN_LCE, topic::TRAIN_SAC, topic::TRAIN_DISTILL].contains(&topic) && !small.is_empty();
         self.small.insert(topic.to_owned(), if splits { small } else { Vec::new() });
         splits
     }
@@ -45,7 +56,24 @@ impl Layout {
         self.solid != was
     }
 
-    pub(super) fn blueprint(&self) -> Blueprint {
+    /// Sends the layout to the viewer, which takes it up at once.
+    pub(super) fn send(&self, stream: &RecordingStream) -> anyhow::Result<()> {
+        let mut plots = Plots::default();
+        let blueprint = self.blueprint(&mut plots);
+        // The SDK has no way to set the properties of a plot, so they are logged into the blueprint beside it.
+        let (layout, messages) = RecordingStreamBuilder::new(APPLICATION).memory()?;
+        blueprint.send(&layout, BlueprintActivation::default())?;
+        let is_layout = |message: &LogMsg| message.store_id().kind() == StoreKind::Blueprint;
+        let mut messages: Vec<_> = messages.take().into_iter().filter(is_layout).collect();
+        let activation = messages.pop_if(|message| matches!(message, LogMsg::BlueprintActivationCommand(_)));
+        if let Some(LogMsg::BlueprintActivationCommand(activation)) = activation {
+            messages.extend(plots.properties(activation.blueprint_id.recording_id())?);
+            stream.send_blueprint(messages, activation);
+        }
+        Ok(())
+    }
+
+    fn blueprint(&self, plots: &mut Plots) -> Blueprint {
         let pictures = Horizontal::new([
             picture("observation", topic::PICTURE_OBSERVATION),
             picture("reconstruction", topic::PICTURE_RECONSTRUCTION),
@@ -53,8 +81,14 @@ impl Layout {
         ]);
         let spaces = Horizontal::new([self.latent_map(), true_space()]);
         let left = Vertical::new([spaces.into(), pictures.into()]).with_row_shares(vec![3.0, 2.0]);
-        let right = Vertical::new([percent_goal(), self.curves(), log()]).with_row_shares(vec![2.0, 5.0, 2.0]);
-        let root = Horizontal::new([left.into(), right.into()]).with_column_shares(vec![5.0, 4.0]);
+        let rows = [
+            plots.of("percent of time in goal", topic::PERCENT_GOAL, Vec::new()),
+            self.curves("latent model", topic::TRAIN_LCE, plots),
+            self.curves("SAC", topic::TRAIN_SAC, plots),
+            self.log(plots),
+        ];
+        let right = Vertical::new(rows).with_row_shares(vec![4.0, 4.0, 4.0, 3.0]);
+        let root = Horizontal::new([left.into(), right.into()]).with_column_shares(vec![1.0, 1.0]);
         Blueprint::new(root)
             .with_auto_layout(false)
             .with_auto_views(false)
@@ -77,25 +111,64 @@ impl Layout {
         }
     }
 
-    fn curves(&self) -> ContainerLike {
-        let mut rows: Vec<ContainerLike> = Vec::new();
-        for (topic, title) in TRAIN {
-            let small = self.small.get(topic).map_or(&[][..], Vec::as_slice);
-            let contents = all_but(topic, small.iter().map(String::as_str));
-            rows.push(TimeSeriesView::new(title).with_origin(topic).with_contents(contents).into());
-            if !small.is_empty() {
-                let contents = small.iter().map(|name| format!("+ {topic}/{name}/**"));
-                rows.push(
-                    TimeSeriesView::new(format!("{title}, small")).with_origin(topic).with_contents(contents).into(),
-                );
-            }
+    /// A topic's curves; the small ones beside the others.
+    fn curves(&self, title: &str, topic: &str, plots: &mut Plots) -> ContainerLike {
+        let small = self.small.get(topic).map_or(&[][..], Vec::as_slice);
+        let large = plots.of(title, topic, all_but(topic, small.iter().map(String::as_str)));
+        if small.is_empty() {
+            return large;
         }
-        Vertical::new(rows).into()
+        let contents = small.iter().map(|name| format!("+ {topic}/{name}/**")).collect();
+        Horizontal::new([large, plots.of(&format!("{title}: small values"), topic, contents)]).into()
+    }
+
+    /// The log, and behind it the curves that have no other place.
+    fn log(&self, plots: &mut Plots) -> ContainerLike {
+        let mut rest = vec!["+ /**".to_owned()];
+        let placed = [topic::PERCENT_GOAL, topic::TRAIN_LCE, topic::TRAIN_SAC, topic::TRAIN_DISTILL];
+        rest.extend(placed.iter().map(|topic| format!("- {topic}/**")));
+        Tabs::new([
+            TextLogView::new("log").with_contents(["+ /**"]).into(),
+            self.curves("distillation", topic::TRAIN_DISTILL, plots),
+            plots.of("other curves", "/", rest),
+        ])
+        .into()
     }
 }
 
-const TRAIN: [(&str, &str); 3] =
-    [(topic::TRAIN_LCE, "latent model"), (topic::TRAIN_SAC, "SAC"), (topic::TRAIN_DISTILL, "distillation")];
+/// The plots of a layout.
+#[derive(Debug, Default)]
+struct Plots(Vec<EntityPath>);
+
+impl Plots {
+    /// A plot of these contents, or of the whole topic.
+    fn of(&mut self, title: &str, topic: &str, contents: Vec<String>) -> ContainerLike {
+        let mut plot = TimeSeriesView::new(title).with_origin(topic);
+        if !contents.is_empty() {
+            plot = plot.with_contents(contents);
+        }
+        let plot = ContainerLike::from(plot);
+        if let ContainerLike::View(view) = &plot {
+            self.0.push(view.blueprint_path());
+        }
+        plot
+    }
+
+    /// Legends where falling curves leave room, and one time axis for all: alone, a plot whose curves ended would
+    /// scroll after the time cursor and lose them.
+    fn properties(&self, blueprint_id: &RecordingId) -> anyhow::Result<Vec<LogMsg>> {
+        let builder = RecordingStreamBuilder::new(APPLICATION).recording_id(blueprint_id.clone());
+        let (stream, messages) = builder.blueprint().memory()?;
+        stream.set_time_sequence("blueprint", 0);
+        let legend = PlotLegend::new().with_corner(Corner2D::RightTop);
+        let axis = TimeAxis::new().with_link(LinkAxis::LinkToGlobal);
+        for plot in &self.0 {
+            stream.log(format!("{plot}/PlotLegend"), &legend)?;
+            stream.log(format!("{plot}/TimeAxis"), &axis)?;
+        }
+        Ok(messages.take().into_iter().filter(|message| matches!(message, LogMsg::ArrowMsg(..))).collect())
+    }
+}
 
 fn all_but<'a>(topic: &str, without: impl IntoIterator<Item = &'a str>) -> Vec<String> {
     let mut contents = vec![format!("+ {topic}/**")];
@@ -110,19 +183,4 @@ fn picture(title: &str, topic: &str) -> ContainerLike {
 fn true_space() -> ContainerLike {
     let contents = [format!("+ {}/**", topic::OBSTACLES), format!("+ {}/**", topic::TRAJECTORY)];
     Spatial2DView::new("true space: evaluated episodes").with_origin("/evaluate").with_contents(contents).into()
-}
-
-fn percent_goal() -> ContainerLike {
-    TimeSeriesView::new("percent in goal, by round on timeline `round`").with_origin(topic::PERCENT_GOAL).into()
-}
-
-/// The log, and behind it every curve that has no place of its own.
-fn log() -> ContainerLike {
-    let mut rest = vec!["+ /**".to_owned(), format!("- {}/**", topic::PERCENT_GOAL)];
-    rest.extend(TRAIN.iter().map(|(topic, _)| format!("- {topic}/**")));
-    Tabs::new([
-        TextLogView::new("log").with_contents(["+ /**"]).into(),
-        TimeSeriesView::new("other curves").with_contents(rest).into(),
-    ])
-    .into()
 }

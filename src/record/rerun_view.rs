@@ -13,10 +13,13 @@ use rerun::{
     RecordingStreamBuilder, Scalars, SeriesLines, SeriesPoints, ServerOptions, SpawnOptions, TextLog,
 };
 
-use super::{Frame, Level, Message, Place, Screen, Sink, Watcher, blueprint::Layout, sink::url, topic};
+use super::{
+    Frame, Level, Message, Place, Screen, Sink, Watcher,
+    blueprint::{APPLICATION, Layout},
+    sink::url,
+    topic,
+};
 
-/// Raised with every change of the layout: viewers keep the last layout of an application and prefer it to ours.
-const APPLICATION: &str = "carl-pipe/planar-v1";
 /// The version of viewer that this SDK speaks to.
 const INSTALL: &str = "install it with `pip install rerun-sdk==0.36.3`";
 /// Beyond this a viewer drops its oldest data; without it, a long run wedges the machine.
@@ -37,7 +40,7 @@ pub(super) struct RerunView {
 impl RerunView {
     pub(super) fn open(sink: &Sink, watcher: &dyn Watcher) -> anyhow::Result<RerunView> {
         let layout = Layout::default();
-        let builder = RecordingStreamBuilder::new(APPLICATION).with_blueprint(layout.blueprint());
+        let builder = RecordingStreamBuilder::new(APPLICATION);
         let stream = match sink {
             Sink::Spawn => {
                 let port = spawn()?;
@@ -63,12 +66,13 @@ impl RerunView {
         };
         stream.set_log_time_enabled(false);
         stream.set_log_tick_enabled(false);
+        layout.send(&stream)?;
         Ok(RerunView { stream, sink: sink.clone(), layout, styled: Default::default() })
     }
 
     fn scalars(&mut self, place: &Place, topic: &str, names: &[String], values: &[f64]) -> anyhow::Result<()> {
         if self.layout.sees(topic, names, values) {
-            self.layout.blueprint().send(&self.stream, rerun::blueprint::BlueprintActivation::default())?;
+            self.layout.send(&self.stream)?;
         }
         for (name, &value) in names.iter().zip(values) {
             let entity = entity(topic, [name.as_str(), &place.lane]);
@@ -86,7 +90,7 @@ impl RerunView {
             Some((_, point)) => format!("{name} {}", point.trim_end_matches(']')),
             None => name.to_owned(),
         };
-        let mut lines = SeriesLines::new().with_names([named]).with_widths([1.5]);
+        let mut lines = SeriesLines::new().with_names([named.as_str()]).with_widths([1.5]);
         if topic == topic::PERCENT_GOAL {
             let colour = match name {
                 "percent_goal" => Color::from_rgb(255, 200, 60),
@@ -96,7 +100,8 @@ impl RerunView {
             };
             lines = lines.with_colors([colour]);
             // A single round is a point, which a line alone would not show.
-            let points = SeriesPoints::new().with_colors([colour]).with_marker_sizes([4.0]);
+            let points =
+                SeriesPoints::new().with_names([named.as_str()]).with_colors([colour]).with_marker_sizes([4.0]);
             self.stream.log_static(entity.clone(), &points)?;
         }
         Ok(self.stream.log_static(entity.clone(), &lines)?)
@@ -111,7 +116,7 @@ impl RerunView {
     ) -> anyhow::Result<()> {
         let radius = Radius::new_ui_points(radius);
         if self.layout.latents_have_depth(points) {
-            self.layout.blueprint().send(&self.stream, rerun::blueprint::BlueprintActivation::default())?;
+            self.layout.send(&self.stream)?;
         }
         let colours = colours.iter().copied();
         if self.layout.solid {

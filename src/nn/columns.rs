@@ -1,42 +1,42 @@
 //! Batches cut into runs of samples: all buffers of a training step, cut at the same sample.
 
-use crate::nn::{Real, mlp::PassMut};
+use super::{Real, mlp::PassMut};
 
 /// A buffer with the same number of entries for every sample.
 #[derive(Debug, Clone)]
-pub(super) struct Block<T> {
+pub(crate) struct Block<T> {
     width: usize,
     /// All entries, sample by sample.
-    pub(super) data: Vec<T>,
+    pub(crate) data: Vec<T>,
 }
 
 impl<T: Real> Block<T> {
-    pub(super) fn new(width: usize, samples: usize) -> Self {
+    pub(crate) fn new(width: usize, samples: usize) -> Self {
         Self { width, data: vec![T::nil(); width * samples] }
     }
 
     /// The first `samples` samples.
-    pub(super) fn view(&mut self, samples: usize) -> BlockMut<'_, T> {
+    pub(crate) fn view(&mut self, samples: usize) -> BlockMut<'_, T> {
         BlockMut { width: self.width, data: &mut self.data[..self.width * samples] }
     }
 }
 
 /// Some samples of a [`Block`].
 #[derive(Debug)]
-pub(super) struct BlockMut<'a, T> {
+pub(crate) struct BlockMut<'a, T> {
     width: usize,
-    pub(super) data: &'a mut [T],
+    pub(crate) data: &'a mut [T],
 }
 
 impl<T> BlockMut<'_, T> {
     /// The entries of one sample.
-    pub(super) fn of(&mut self, sample: usize) -> &mut [T] {
+    pub(crate) fn of(&mut self, sample: usize) -> &mut [T] {
         &mut self.data[sample * self.width..][..self.width]
     }
 }
 
 /// Buffers that can be cut at a sample.
-pub(super) trait Cut: Sized {
+pub(crate) trait Cut: Sized {
     fn cut(self, samples: usize) -> (Self, Self);
 }
 
@@ -59,18 +59,18 @@ macro_rules! cut_together {
         $(#[$meta])*
         $vis struct $name<$life, T> { $( $field: $ty ),* }
 
-        impl<T: $crate::nn::Real> $crate::lce::columns::Cut for $name<'_, T> {
+        impl<T: $crate::nn::Real> $crate::nn::columns::Cut for $name<'_, T> {
             fn cut(self, samples: usize) -> (Self, Self) {
-                $( let $field = $crate::lce::columns::Cut::cut(self.$field, samples); )*
+                $( let $field = $crate::nn::columns::Cut::cut(self.$field, samples); )*
                 (Self { $( $field: $field.0 ),* }, Self { $( $field: $field.1 ),* })
             }
         }
     };
 }
-pub(super) use cut_together;
+pub(crate) use cut_together;
 
 /// Runs `work` on all samples, cut into as many runs as there are threads. `work` gets the first sample's number.
-pub(super) fn over_samples<C, F>(threads: usize, first: usize, samples: usize, columns: C, work: &F)
+pub(crate) fn over_samples<C, F>(threads: usize, first: usize, samples: usize, columns: C, work: &F)
 where
     C: Cut + Send,
     F: Fn(usize, usize, C) + Sync,
@@ -80,7 +80,7 @@ where
     }
     let half = samples / 2;
     let (left, right) = columns.cut(half);
-    crate::nn::join(
+    super::join(
         threads,
         || over_samples(threads / 2, first, half, left, work),
         || over_samples(threads - threads / 2, first + half, samples - half, right, work),

@@ -1,0 +1,99 @@
+//! An agent with all that goes on training it.
+
+use anyhow::ensure;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Artifact, Files,
+    json,
+    lce_model::{put_layers, take_layers},
+    tensors::{TensorFile, Tensors, file},
+};
+use crate::{
+    control::{
+        Agent,
+        agent::{AgentNets, Trained, Whitening},
+    },
+    nn::{adam::Adam, mlp::Layout},
+};
+
+#[derive(Serialize, Deserialize)]
+struct About {
+    latent: usize,
+    action: usize,
+    actor_adam_steps: u64,
+    critic_adam_steps: [u64; 2],
+    temperature_adam_steps: u64,
+}
+
+fn put(agent: &mut Tensors, optimizer: &mut Tensors, name: &str, layout: &Layout, trained: &Trained) {
+    put_layers(agent, &format!("{name}/"), layout, &trained.arena);
+    put_layers(optimizer, &format!("{name}/m."), layout, &trained.adam.m);
+    put_layers(optimizer, &format!("{name}/v."), layout, &trained.adam.v);
+}
+
+fn take(
+    agent: &TensorFile<'_>,
+    optimizer: &TensorFile<'_>,
+    name: &str,
+    layout: &Layout,
+    steps: u64,
+) -> anyhow::Result<Trained> {
+    let m = take_layers(optimizer, &format!("{name}/m."), layout)?;
+    let v = take_layers(optimizer, &format!("{name}/v."), layout)?;
+    Ok(Trained { arena: take_layers(agent, &format!("{name}/"), layout)?, adam: Adam { m, v, steps } })
+}
+
+impl Artifact for Agent {
+    const TYPE: &'static str = "agent";
+
+    fn save(&self) -> anyhow::Result<Files> {
+        let (actor, critic) = (&self.nets.actor.0, &self.nets.critic.0);
+        let (mut agent, mut optimizer) = (Tensors::default(), Tensors::default());
+        put(&mut agent, &mut optimizer, "actor", actor, &self.actor);
+        put_layers(&mut agent, "acting/", actor, &self.acting);
+        for (i, critic_i) in self.critics.iter().enumerate() {
+            put(&mut agent, &mut optimizer, &format!("critic_{i}"), critic, critic_i);
+            put_layers(&mut agent, &format!("target_{i}/"), critic, &self.targets[i]);
+        }
+        agent.f32("log_alpha", &[1], &self.log_alpha.arena);
+        optimizer.f32("log_alpha/m", &[1], &self.log_alpha.adam.m).f32("log_alpha/v", &[1], &self.log_alpha.adam.v);
+        agent.f32("whitening/mean", &[self.latent], &self.whitening.mean);
+        agent.f32("whitening/inverse", &[self.latent], &self.whitening.inverse);
+        let about = About {
+            latent: self.latent,
+            action: self.action,
+            actor_adam_steps: self.actor.adam.steps,
+            critic_adam_steps: [0, 1].map(|i: usize| self.critics[i].adam.steps),
+            temperature_adam_steps: self.log_alpha.adam.steps,
+        };
+        Ok(Files::from([
+            ("agent.safetensors".to_owned(), agent.bytes()?),
+            ("optimizer.safetensors".to_owned(), optimizer.bytes()?),
+            ("agent.json".to_owned(), json(&about)?),
+        ]))
+    }
+
+    fn load(files: &Files) -> anyhow::Result<Self> {
+        let about: About = serde_json::from_slice(file(files, "agent.json")?)?;
+        let nets = AgentNets::new(about.latent, about.action);
+        let agent = TensorFile::open(file(files, "agent.safetensors")?)?;
+        let optimizer = TensorFile::open(file(files, "optimizer.safetensors")?)?;
+        let actor = take(&agent, &optimizer, "actor", &nets.actor.0, about.actor_adam_steps)?;
+        let acting = take_layers(&agent, "acting/", &nets.actor.0)?;
+        let critic = |i: usize| {
+            take(&agent, &optimizer, &format!("critic_{i}"), &nets.critic.0, about.critic_adam_steps[i])
+        };
+        let target = |i: usize| take_layers(&agent, &format!("target_{i}/"), &nets.critic.0);
+        let (critics, targets) = ([critic(0)?, critic(1)?], [target(0)?, target(1)?]);
+        let adam = Adam {
+            m: optimizer.f32("log_alpha/m")?,
+            v: optimizer.f32("log_alpha/v")?,
+            steps: about.temperature_adam_steps,
+        };
+        let log_alpha = Trained { arena: agent.f32("log_alpha")?, adam };
+        let whitening = Whitening { mean: agent.f32("whitening/mean")?, inverse: agent.f32("whitening/inverse")? };
+        ensure!(whitening.mean.len() == about.latent && log_alpha.arena.len() == 1, "tensors of wrong lengths");
+        Ok(Self { latent: about.latent, action: about.action, nets, actor, acting, critics, targets, log_alpha, whitening })
+    }
+}

@@ -1,0 +1,118 @@
+//! Transitions (x, u, x') with the goal each was made for. No states: training cannot see what is not here.
+
+use anyhow::ensure;
+
+use super::{
+    Artifact, Files,
+    tensors::{TensorFile, Tensors, file},
+};
+use crate::{lce::trainer::Data, lce::LceModel};
+
+/// Transitions as pictures and actions.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Transitions {
+    /// Height and width of a picture.
+    pub picture: (usize, usize),
+    /// Components of an action.
+    pub action_dim: usize,
+    /// x, one picture after the other, 0 or 255.
+    pub observations: Vec<u8>,
+    /// u in -1..1, one after the other.
+    pub actions: Vec<f32>,
+    /// x', as `observations`.
+    pub next_observations: Vec<u8>,
+    /// Goal images x_g.
+    pub goals: Vec<u8>,
+    /// Which goal each transition was made for.
+    pub goal_index: Vec<u32>,
+}
+
+impl Transitions {
+    /// How many.
+    pub fn len(&self) -> usize {
+        self.goal_index.len()
+    }
+
+    /// True without transitions.
+    pub fn is_empty(&self) -> bool {
+        self.goal_index.is_empty()
+    }
+
+    /// Pixels of a picture.
+    pub fn pixels(&self) -> usize {
+        self.picture.0 * self.picture.1
+    }
+
+    /// Adds a transition.
+    pub fn push(&mut self, observation: &[u8], action: &[f32], next_observation: &[u8], goal: u32) {
+        self.observations.extend_from_slice(observation);
+        self.actions.extend_from_slice(action);
+        self.next_observations.extend_from_slice(next_observation);
+        self.goal_index.push(goal);
+    }
+
+    /// All transitions of several artifacts, in their order; goal images are those of the first.
+    pub fn concat(parts: &[Self]) -> anyhow::Result<Self> {
+        let Some((first, rest)) = parts.split_first() else { return Ok(Self::default()) };
+        let mut all = first.clone();
+        for part in rest {
+            ensure!(
+                part.picture == all.picture && part.action_dim == all.action_dim && part.goals == all.goals,
+                "transitions of different tasks cannot be joined"
+            );
+            all.observations.extend_from_slice(&part.observations);
+            all.actions.extend_from_slice(&part.actions);
+            all.next_observations.extend_from_slice(&part.next_observations);
+            all.goal_index.extend_from_slice(&part.goal_index);
+        }
+        Ok(all)
+    }
+
+    /// x and x' in turn, as training reads them.
+    pub fn frames(&self) -> Vec<u8> {
+        let pixels = self.pixels();
+        let pairs = self.observations.chunks_exact(pixels).zip(self.next_observations.chunks_exact(pixels));
+        pairs.flat_map(|(now, next)| now.iter().chain(next)).copied().collect()
+    }
+
+    /// The same for a model's training.
+    pub fn data(&self, model: &LceModel) -> Data {
+        let pictures = model.pictures(&self.frames());
+        Data { pictures, actions: self.actions.clone(), action_dim: self.action_dim }
+    }
+}
+
+const FILE: &str = "transitions.safetensors";
+
+impl Artifact for Transitions {
+    const TYPE: &'static str = "transitions";
+
+    fn save(&self) -> anyhow::Result<Files> {
+        let (height, width) = self.picture;
+        let count = self.len();
+        let mut tensors = Tensors::default();
+        tensors
+            .u8("observations", &[count, height, width], &self.observations)
+            .f32("actions", &[count, self.action_dim], &self.actions)
+            .u8("next_observations", &[count, height, width], &self.next_observations)
+            .u8("goals", &[self.goals.len() / (height * width), height, width], &self.goals)
+            .u32("goal_index", &[count], &self.goal_index);
+        Ok(Files::from([(FILE.to_owned(), tensors.bytes()?)]))
+    }
+
+    fn load(files: &Files) -> anyhow::Result<Self> {
+        let tensors = TensorFile::open(file(files, FILE)?)?;
+        let shape = tensors.shape("observations")?;
+        let actions = tensors.shape("actions")?;
+        ensure!(shape.len() == 3 && actions.len() == 2 && actions[0] == shape[0], "tensors of different lengths");
+        Ok(Self {
+            picture: (shape[1], shape[2]),
+            action_dim: actions[1],
+            observations: tensors.u8("observations")?,
+            actions: tensors.f32("actions")?,
+            next_observations: tensors.u8("next_observations")?,
+            goals: tensors.u8("goals")?,
+            goal_index: tensors.u32("goal_index")?,
+        })
+    }
+}

@@ -1,0 +1,9 @@
+//! Controllers in the latent space: the soft actor-critic agent, its training and its distillation, and closed-loop
+//! control from pictures.
+
+pub mod agent;
+pub mod distill;
+pub mod rollout;
+pub mod sac;
+
+pub use agent::Agent;

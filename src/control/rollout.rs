@@ -1,0 +1,96 @@
+//! Closed-loop control from pictures: the policy sees E(x) and E(x_g), never a state.
+
+use super::agent::Agent;
+use crate::{
+    env::Environment,
+    lce::LceModel,
+    nn::noise,
+    rng::Rng,
+};
+
+/// What to do when an action changed nothing in the picture: the mean action would repeat for ever.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Unstick {
+    /// Nothing: the policy alone.
+    Off,
+    /// One uniformly random action.
+    Random,
+}
+
+/// How actions are chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Acting {
+    /// The mean action.
+    Mean,
+    /// A sample of the policy.
+    Sample,
+}
+
+/// One step of an episode, as the world saw it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Step {
+    /// The true state before.
+    pub state: Vec<f64>,
+    /// The picture before.
+    pub before: Vec<u8>,
+    /// The action, in -1..1.
+    pub action: Vec<f32>,
+    /// The true state after.
+    pub next: Vec<f64>,
+    /// The picture after.
+    pub after: Vec<u8>,
+}
+
+/// Where an episode starts and should end.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Episode {
+    /// The true start state.
+    pub start: Vec<f64>,
+    /// The true goal state.
+    pub goal: Vec<f64>,
+}
+
+/// Draws episodes: fresh starts, and goals shared out evenly in random order.
+pub fn draw_episodes(env: &dyn Environment, count: usize, rng: &mut Rng) -> Vec<Episode> {
+    let goals = env.goals();
+    let mut order: Vec<u32> = (0..count as u32).collect();
+    noise::shuffle(rng, &mut order);
+    order
+        .into_iter()
+        .map(|i| Episode { start: env.sample_start(rng), goal: goals[i as usize % goals.len()].clone() })
+        .collect()
+}
+
+/// Runs one episode for `steps` steps.
+pub fn run(
+    env: &dyn Environment,
+    (model, agent): (&LceModel, &Agent),
+    episode: &Episode,
+    steps: usize,
+    (acting, unstick): (Acting, Unstick),
+    rng: &mut Rng,
+) -> Vec<Step> {
+    let limit = env.action_limit();
+    let z_goal = model.encode_means(&model.pictures(&env.picture(&episode.goal)));
+    let mut state = episode.start.clone();
+    let mut picture = env.picture(&state);
+    let mut stuck = false;
+    let mut path = Vec::with_capacity(steps);
+    for _ in 0..steps {
+        let z = model.encode_means(&model.pictures(&picture));
+        let mut epsilon = vec![0.0; agent.action];
+        noise::fill_normal(rng, &mut epsilon);
+        let mut action = agent.act(&z, &z_goal, (acting == Acting::Sample).then_some(&epsilon));
+        if stuck && unstick == Unstick::Random {
+            action.fill_with(|| noise::uniform(rng, -1.0, 1.0));
+        }
+        let torque: Vec<f64> = action.iter().zip(limit).map(|(&u, limit)| f64::from(u) * limit).collect();
+        let next = env.step(&state, &torque, rng);
+        let after = env.picture(&next);
+        stuck = after == picture;
+        let before = std::mem::replace(&mut picture, after.clone());
+        path.push(Step { state: std::mem::replace(&mut state, next.clone()), before, action, next, after });
+    }
+    path
+}
