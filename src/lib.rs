@@ -1,8 +1,11 @@
 //! carl-pipe: declarative, cached, replayable pipelines for control-aware representation learning from pixels.
 
 pub mod artifact;
+pub mod cli;
 pub mod control;
 pub mod diag;
+pub mod digest;
+pub mod engine;
 pub mod env;
 pub mod lce;
 pub mod nn;

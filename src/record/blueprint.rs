@@ -7,11 +7,14 @@ use rerun::{
     blueprint::{
         Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel, Spatial2DView,
         Spatial3DView, Tabs, TextLogView, TimePanel, TimeSeriesView, Vertical,
-        components::{Corner2D, LinkAxis, PanelState, PlayState},
+        components::{Corner2D, PanelState, PlayState, TimeRange},
     },
     external::{
         re_log_types::{LogMsg, RecordingId},
-        re_sdk_types::blueprint::archetypes::{PlotLegend, TimeAxis},
+        re_sdk_types::{
+            blueprint::archetypes::{PlotLegend, TimeAxis},
+            datatypes,
+        },
     },
 };
 
@@ -82,7 +85,7 @@ impl Layout {
         let spaces = Horizontal::new([self.latent_map(), true_space()]);
         let left = Vertical::new([spaces.into(), pictures.into()]).with_row_shares(vec![3.0, 2.0]);
         let rows = [
-            plots.of("percent of time in goal", topic::PERCENT_GOAL, Vec::new()),
+            plots.of("percent of time in goal", topic::PERCENT_GOAL, Vec::new(), Corner2D::RightBottom),
             self.curves("latent model", topic::TRAIN_LCE, plots),
             self.curves("SAC", topic::TRAIN_SAC, plots),
             self.log(plots),
@@ -114,12 +117,13 @@ impl Layout {
     /// A topic's curves; the small ones beside the others.
     fn curves(&self, title: &str, topic: &str, plots: &mut Plots) -> ContainerLike {
         let small = self.small.get(topic).map_or(&[][..], Vec::as_slice);
-        let large = plots.of(title, topic, all_but(topic, small.iter().map(String::as_str)));
+        let large = plots.of(title, topic, all_but(topic, small.iter().map(String::as_str)), Corner2D::RightTop);
         if small.is_empty() {
             return large;
         }
         let contents = small.iter().map(|name| format!("+ {topic}/{name}/**")).collect();
-        Horizontal::new([large, plots.of(&format!("{title}: small values"), topic, contents)]).into()
+        Horizontal::new([large, plots.of(&format!("{title}: small values"), topic, contents, Corner2D::RightTop)])
+            .into()
     }
 
     /// The log, and behind it the curves that have no other place.
@@ -130,40 +134,39 @@ impl Layout {
         Tabs::new([
             TextLogView::new("log").with_contents(["+ /**"]).into(),
             self.curves("distillation", topic::TRAIN_DISTILL, plots),
-            plots.of("other curves", "/", rest),
+            plots.of("other curves", "/", rest, Corner2D::RightTop),
         ])
         .into()
     }
 }
 
-/// The plots of a layout.
+/// The plots of a layout, each with the corner that its curves leave to the legend.
 #[derive(Debug, Default)]
-struct Plots(Vec<EntityPath>);
+struct Plots(Vec<(EntityPath, Corner2D)>);
 
 impl Plots {
     /// A plot of these contents, or of the whole topic.
-    fn of(&mut self, title: &str, topic: &str, contents: Vec<String>) -> ContainerLike {
+    fn of(&mut self, title: &str, topic: &str, contents: Vec<String>, legend: Corner2D) -> ContainerLike {
         let mut plot = TimeSeriesView::new(title).with_origin(topic);
         if !contents.is_empty() {
             plot = plot.with_contents(contents);
         }
         let plot = ContainerLike::from(plot);
         if let ContainerLike::View(view) = &plot {
-            self.0.push(view.blueprint_path());
+            self.0.push((view.blueprint_path(), legend));
         }
         plot
     }
 
-    /// Legends where falling curves leave room, and one time axis for all: alone, a plot whose curves ended would
-    /// scroll after the time cursor and lose them.
+    /// Legends, and the whole run on every time axis: left to itself, the viewer shows
+    /// a window around the time cursor.
     fn properties(&self, blueprint_id: &RecordingId) -> anyhow::Result<Vec<LogMsg>> {
         let builder = RecordingStreamBuilder::new(APPLICATION).recording_id(blueprint_id.clone());
         let (stream, messages) = builder.blueprint().memory()?;
         stream.set_time_sequence("blueprint", 0);
-        let legend = PlotLegend::new().with_corner(Corner2D::RightTop);
-        let axis = TimeAxis::new().with_link(LinkAxis::LinkToGlobal);
-        for plot in &self.0 {
-            stream.log(format!("{plot}/PlotLegend"), &legend)?;
+        let axis = TimeAxis::new().with_view_range(TimeRange(datatypes::TimeRange::EVERYTHING));
+        for (plot, legend) in &self.0 {
+            stream.log(format!("{plot}/PlotLegend"), &PlotLegend::new().with_corner(*legend))?;
             stream.log(format!("{plot}/TimeAxis"), &axis)?;
         }
         Ok(messages.take().into_iter().filter(|message| matches!(message, LogMsg::ArrowMsg(..))).collect())

@@ -3,6 +3,7 @@
 //! An entity is a topic, the value's name where the topic has several, and the lane of the node.
 
 use std::{
+    collections::BTreeMap,
     net::{TcpStream, ToSocketAddrs as _},
     time::{Duration, Instant},
 };
@@ -33,8 +34,8 @@ pub(super) struct RerunView {
     stream: RecordingStream,
     sink: Sink,
     layout: Layout,
-    /// Entities whose style was sent.
-    styled: std::collections::BTreeSet<EntityPath>,
+    /// The latest value of every curve.
+    latest: BTreeMap<EntityPath, Place>,
 }
 
 impl RerunView {
@@ -67,7 +68,7 @@ impl RerunView {
         stream.set_log_time_enabled(false);
         stream.set_log_tick_enabled(false);
         layout.send(&stream)?;
-        Ok(RerunView { stream, sink: sink.clone(), layout, styled: Default::default() })
+        Ok(RerunView { stream, sink: sink.clone(), layout, latest: BTreeMap::new() })
     }
 
     fn scalars(&mut self, place: &Place, topic: &str, names: &[String], values: &[f64]) -> anyhow::Result<()> {
@@ -76,13 +77,30 @@ impl RerunView {
         }
         for (name, &value) in names.iter().zip(values) {
             let entity = entity(topic, [name.as_str(), &place.lane]);
-            if !self.styled.contains(&entity) {
-                self.style(&entity, topic, name, &place.lane)?;
-                self.styled.insert(entity.clone());
+            match self.latest.insert(entity.clone(), place.clone()) {
+                None => self.style(&entity, topic, name, &place.lane)?,
+                Some(last) if last.round != place.round && topic.starts_with("/train/") => {
+                    self.interrupt(&entity, &last)?;
+                    self.set_time(place);
+                }
+                Some(_) => {}
             }
             self.stream.log(entity, &Scalars::single(value))?;
         }
         Ok(())
+    }
+
+    /// Ends a curve for a while: no line leads from the end of a round to the start of the next.
+    fn interrupt(&self, entity: &EntityPath, last: &Place) -> anyhow::Result<()> {
+        self.stream.reset_time();
+        self.stream.set_time_sequence("step", sequence(last.step.saturating_add(1)));
+        Ok(self.stream.log(entity.clone(), &Scalars::new(std::iter::empty::<f64>()))?)
+    }
+
+    fn set_time(&self, place: &Place) {
+        self.stream.set_time_sequence("step", sequence(place.step));
+        self.stream.set_time_sequence("epoch", sequence(place.epoch));
+        self.stream.set_time_sequence("round", i64::from(place.round));
     }
 
     fn style(&self, entity: &EntityPath, topic: &str, name: &str, lane: &str) -> anyhow::Result<()> {
@@ -165,10 +183,7 @@ impl Screen for RerunView {
     }
 
     fn show(&mut self, place: &Place, message: &Message) -> anyhow::Result<()> {
-        let sequence = |value: u64| i64::try_from(value).unwrap_or(i64::MAX);
-        self.stream.set_time_sequence("step", sequence(place.step));
-        self.stream.set_time_sequence("epoch", sequence(place.epoch));
-        self.stream.set_time_sequence("round", i64::from(place.round));
+        self.set_time(place);
         let topic = message.topic.as_str();
         let here = entity(topic, [place.lane.as_str()]);
         match &message.frame {
@@ -248,6 +263,10 @@ fn spawn() -> anyhow::Result<u16> {
 fn listens(url: &str) -> bool {
     let addresses = Sink::address(url).and_then(|address| address.to_socket_addrs().ok());
     addresses.into_iter().flatten().any(|address| TcpStream::connect_timeout(&address, Duration::from_secs(1)).is_ok())
+}
+
+fn sequence(value: u64) -> i64 {
+    i64::try_from(value).unwrap_or(i64::MAX)
 }
 
 /// `/train/lce` and below it `parts`, which may hold any character.

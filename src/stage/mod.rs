@@ -19,8 +19,8 @@ use serde_json::Value;
 
 use crate::{artifact::{Artifact, Files}, env::Task};
 
-pub use cx::{Host, StageCx};
-pub use inputs::{Arity, InputFiles, Inputs, Port, PortField};
+pub use cx::{Host, Interrupted, StageCx};
+pub use inputs::{Arity, InputFiles, Inputs, Port, PortField, load_port};
 pub(crate) use inputs::inputs;
 
 /// One kind of stage: typed parameters and inputs in, one artifact out.

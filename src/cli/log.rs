@@ -1,0 +1,142 @@
+//! `carl-pipe log` and `carl-pipe show`: the runs there are, and what one of them made.
+
+use serde_json::json;
+
+use super::{
+    Global,
+    exit::{Error, Exit},
+    out::{self, Paint, duration},
+};
+use crate::engine::{
+    events::{NodeState, RunState},
+    manifest::{Manifest, NodeRecord},
+    runs,
+};
+
+/// The arguments of `log`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// How many.
+    #[arg(short = 'n', long, value_name = "N", default_value_t = 20)]
+    number: usize,
+    /// One JSON object per run.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The arguments of `show`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct ShowArgs {
+    /// The run: `latest`, its id, or the beginning of its id.
+    #[arg(value_name = "RUN", default_value = "latest")]
+    run: String,
+    /// Only this stage or node, with its parameters and files.
+    #[arg(value_name = "NODE")]
+    node: Option<String>,
+    /// The manifest.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Lists runs.
+pub(crate) fn log(global: &Global, args: &Args) -> Result<Exit, Error> {
+    let all = global.artifacts.join("runs");
+    let paint = global.color.on_stdout();
+    let mut rows = Vec::new();
+    for manifest in runs::manifests(&all).take(args.number) {
+        let count = |state| manifest.nodes.iter().filter(|node| node.state == state).count();
+        let (ran, cached) = (count(NodeState::Ran), count(NodeState::Cached));
+        let state = state(&manifest, runs::is_alive(&all.join(&manifest.run)));
+        if args.json {
+            let object = json!({
+                "version": 1, "run": manifest.run, "pipeline": manifest.pipeline, "started": manifest.started,
+                "state": state, "executed": ran, "cached": cached, "nodes": manifest.nodes.len(),
+                "wall_secs": manifest.wall_secs, "argv": manifest.argv,
+            });
+            out::line(&object.to_string());
+        } else {
+            rows.push(vec![
+                manifest.run.clone(),
+                manifest.pipeline.clone(),
+                painted(state, paint),
+                format!("{ran} ran, {cached} cached of {}", manifest.nodes.len()),
+                duration(manifest.wall_secs),
+            ]);
+        }
+    }
+    if rows.is_empty() && !args.json {
+        out::note(&format!("there are no runs in {} yet; start one with `carl-pipe run PIPELINE`", all.display()));
+    }
+    out::print(&out::table(&rows));
+    Ok(Exit::Ok)
+}
+
+fn state(manifest: &Manifest, is_alive: bool) -> &'static str {
+    match manifest.state {
+        RunState::Running if is_alive => "running",
+        RunState::Running => "killed",
+        RunState::Finished => "finished",
+        RunState::Failed => "failed",
+        RunState::Interrupted => "interrupted",
+    }
+}
+
+fn painted(state: &str, paint: Paint) -> String {
+    match state {
+        "finished" => paint.green(state),
+        "failed" | "killed" => paint.red(state),
+        _ => paint.yellow(state),
+    }
+}
+
+/// Shows a run.
+pub(crate) fn show(global: &Global, args: &ShowArgs) -> Result<Exit, Error> {
+    let all = global.artifacts.join("runs");
+    let run_dir = runs::find(&all, &args.run).map_err(|error| Error::usage(error.to_string()))?;
+    let manifest = Manifest::read(&run_dir)?;
+    let wanted = |node: &&NodeRecord| args.node.as_ref().is_none_or(|name| node.name == *name || node.stage == *name);
+    let nodes: Vec<&NodeRecord> = manifest.nodes.iter().filter(wanted).collect();
+    if let (Some(name), []) = (&args.node, &nodes[..]) {
+        return Err(Error::usage(format!("run {} has no stage or node `{name}`", manifest.run)));
+    }
+    if args.json {
+        let value = if args.node.is_some() { json!(nodes) } else { json!(manifest) };
+        out::line(&value.to_string());
+        return Ok(Exit::Ok);
+    }
+    let paint = global.color.on_stdout();
+    let state = state(&manifest, runs::is_alive(&run_dir));
+    out::line(&format!("{} {}  {}", paint.bold(&manifest.pipeline), manifest.run, painted(state, paint)));
+    out::line(&format!(
+        "started {} on {} ({} cores), took {}, {:.2}% of node time in recorders",
+        manifest.started,
+        manifest.host.name,
+        manifest.host.cores,
+        duration(manifest.wall_secs),
+        100.0 * manifest.recorder_secs / manifest.node_secs.max(1e-9)
+    ));
+    out::line(&format!("command: {}", out::command(&manifest.argv)));
+    let rows: Vec<Vec<String>> = nodes.iter().map(|node| row(node)).collect();
+    out::print(&out::table(&rows));
+    if args.node.is_some() {
+        for node in &nodes {
+            out::line(&format!("\n{} {}", paint.bold(&node.name), node.params));
+            let prefix = format!("{}.", runs::file_name(&node.name));
+            let mut files: Vec<_> =
+                std::fs::read_dir(&run_dir).into_iter().flatten().flatten().map(|item| item.path()).collect();
+            files.sort();
+            let is_its = |path: &std::path::PathBuf| {
+                path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(&prefix))
+            };
+            files.iter().filter(|path| is_its(path)).for_each(|path| out::line(&format!("  {}", path.display())));
+        }
+    }
+    Ok(Exit::Ok)
+}
+
+fn row(node: &NodeRecord) -> Vec<String> {
+    let state = serde_json::to_value(node.state).ok().and_then(|it| it.as_str().map(str::to_owned)).unwrap_or_default();
+    let figures = node.figures.iter().map(|(name, value)| format!("{name} {}", out::figure(*value)));
+    let output = node.output.map_or_else(String::new, |digest| digest.short());
+    vec![node.name.clone(), state, duration(node.secs), output, figures.collect::<Vec<_>>().join(", ")]
+}

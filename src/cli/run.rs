@@ -1,0 +1,153 @@
+//! `carl-pipe run`: makes what is not up to date, shows it while it happens, and says where to look next.
+
+use std::ffi::OsString;
+
+use super::{
+    Global,
+    exit::{Error, Exit},
+    file::{self, PipelineArgs},
+    live::LiveView,
+    out,
+    progress::{self, Progress},
+    status,
+    stop::Stop,
+    summary,
+};
+use crate::{
+    engine::{
+        events::{Event, Listener, RunState},
+        execute::{self, Options, Order},
+        plan::{Force, plan},
+        why::History,
+    },
+    pipeline::Graph,
+    record::Sink,
+    stage::Kind,
+};
+
+/// The arguments of `run`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  carl-pipe run pipelines/smoke.toml
+  carl-pipe run pipelines/planar_online.toml evaluate     that stage and all it needs
+  carl-pipe run pipelines/planar_online.toml --sweep seed=0..5 -k
+  carl-pipe run pipelines/planar_online.toml --force=control@3
+
+Ctrl-C stops at the next step; the same command goes on from what is finished.")]
+pub(crate) struct Args {
+    #[command(flatten)]
+    file: PipelineArgs,
+    /// Stages or nodes to run, with all they need; all if none is given.
+    #[arg(value_name = "TARGET")]
+    targets: Vec<String>,
+    /// Only say what would run, and why.
+    #[arg(short = 'n', long)]
+    dry_run: bool,
+    /// How many nodes may run at once; one that runs alone uses all cores anyway.
+    #[arg(short, long, value_name = "N", env = "CARL_JOBS", hide_env_values = true, value_parser = jobs)]
+    jobs: Option<usize>,
+    /// Go on with independent nodes after a failure.
+    #[arg(short, long)]
+    keep_going: bool,
+    /// Run again even if up to date: everything, or one stage or node.
+    #[arg(short, long, value_name = "STAGE", num_args = 0..=1, require_equals = true, default_missing_value = "")]
+    force: Vec<String>,
+    /// Watch it live: spawn, connect[=URL], serve[=PORT] or save=FILE.
+    #[arg(long, value_name = "SINK", value_parser = sink)]
+    rerun: Option<String>,
+    /// Events as lines of JSON on standard output; the last line sums up.
+    #[arg(long)]
+    json: bool,
+    /// How to show progress: auto (bars on a terminal, else lines; nothing beside `--json`), bar, plain or none.
+    #[arg(long, value_name = "HOW", default_value = "auto", value_enum, hide_possible_values = true)]
+    progress: progress::How,
+}
+
+fn jobs(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if count > 0 => Ok(count),
+        _ if text == "auto" => Ok(Options::default().jobs),
+        _ => Err("must be a number above 0, or `auto`".to_owned()),
+    }
+}
+
+/// Refuses a sink now rather than in the live view.
+fn sink(text: &str) -> Result<String, String> {
+    text.parse::<Sink>().map(|_| text.to_owned())
+}
+
+/// Runs a pipeline.
+pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Error> {
+    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, global.color)?;
+    let graph = &loaded.graph;
+    let wanted = file::pick(graph, &args.targets)?;
+    let force = force(graph, &args.force)?;
+    let store = global.store()?;
+    if args.dry_run {
+        let plan = plan(graph, &wanted, &store, &force)?;
+        let mut history = History::new(&store.runs());
+        status::show(graph, &plan, &mut history, args.json, global);
+        return Ok(Exit::Ok);
+    }
+    let stop = Stop::listen()?;
+    let argv: Vec<String> = argv.iter().map(|word| word.to_string_lossy().into_owned()).collect();
+    let order = Order { graph, wanted, text: &loaded.text, argv: argv.clone() };
+    let defaults = Options::default();
+    let jobs = args.jobs.unwrap_or(defaults.jobs);
+    let options = Options { jobs, keep_going: args.keep_going, force, stop: stop.flag.clone(), ..defaults };
+    let audience = Audience {
+        progress: progress::new(args.progress.resolve(args.json, global.quiet), global, stop),
+        json: args.json,
+        view: args.rerun.clone().map(|sink| LiveView::new(sink, &store)),
+    };
+    let report = execute::run(&store, &order, &options, &audience)?;
+    if let Some(text) = audience.view.as_ref().and_then(LiveView::close) {
+        audience.progress.hear(&Event::Warning { node: None, text });
+    }
+    audience.progress.close();
+    if args.json {
+        out::line(&summary::json(&report).to_string());
+    }
+    summary::print(&report, graph, global, args.json, &argv);
+    Ok(match report.state {
+        RunState::Finished => Exit::Ok,
+        RunState::Interrupted | RunState::Running => Exit::Interrupted,
+        RunState::Failed => {
+            let is_store = report.nodes.iter().filter_map(|node| node.failure.as_ref()).any(|failure| failure.is_store);
+            if is_store { Exit::Store } else { Exit::StageFailed }
+        }
+    })
+}
+
+fn force(graph: &Graph, names: &[String]) -> Result<Force, Error> {
+    if names.iter().any(String::is_empty) {
+        return Ok(Force::All);
+    }
+    for name in names {
+        if !graph.nodes.iter().any(|node| node.stage == *name || node.name == *name) {
+            return Err(file::no_such_node(graph, name));
+        }
+    }
+    Ok(if names.is_empty() { Force::None } else { Force::Named(names.iter().cloned().collect()) })
+}
+
+/// All who hear of a run.
+struct Audience {
+    progress: Box<dyn Progress>,
+    json: bool,
+    view: Option<LiveView>,
+}
+
+impl Listener for Audience {
+    fn hear(&self, event: &Event) {
+        if self.json
+            && let Ok(line) = serde_json::to_string(event)
+        {
+            out::line(&line);
+        }
+        self.progress.hear(event);
+        if let Some(warning) = self.view.as_ref().and_then(|view| view.hear(event)) {
+            self.progress.hear(&Event::Warning { node: None, text: warning });
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! What became of a run: a closing table, what went wrong, and where to look next.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Map, Value, json};
+
+use super::{
+    Global,
+    out::{self, Paint, duration},
+};
+use crate::{
+    engine::{
+        events::{NodeState, RunState},
+        execute::{NodeReport, Report},
+    },
+    pipeline::Graph,
+};
+
+/// More nodes than this are shown by stage.
+const ROWS: usize = 24;
+
+/// The last line of `--json`.
+pub(crate) fn json(report: &Report) -> Value {
+    let node = |node: &NodeReport| {
+        let error = node.failure.as_ref().map(|failure| &failure.text);
+        json!({
+            "state": node.state, "digest": node.digest, "recording": node.recording, "secs": node.secs,
+            "figures": node.figures, "error": error,
+        })
+    };
+    let nodes: Map<String, Value> = report.nodes.iter().map(|it| (it.name.clone(), node(it))).collect();
+    json!({
+        "version": 1,
+        "run": report.run,
+        "state": report.state,
+        "executed": report.count(NodeState::Ran),
+        "cached": report.count(NodeState::Cached),
+        "failed": report.count(NodeState::Failed),
+        "wall_secs": report.wall_secs,
+        "percent_goal": report.percent_goal,
+        "nodes": nodes,
+    })
+}
+
+/// Prints the end of a run: the table to standard output, failures to standard error.
+pub(crate) fn print(report: &Report, graph: &Graph, global: &Global, json: bool, argv: &[String]) {
+    if !json {
+        let paint = global.color.on_stdout();
+        let ran_any = report.nodes.iter().any(|node| node.state != NodeState::Cached);
+        if (ran_any && !global.quiet) || global.verbose {
+            out::print(&table(report, paint));
+        }
+        out::line(&closing(report, paint));
+        if !global.quiet {
+            let view = format!("carl-pipe view {}", report.run);
+            out::line(&paint.dim(&format!("look: {view}  or  {}/", report.path.display())));
+        }
+    }
+    let paint = global.color.on_stderr();
+    for node in report.nodes.iter().filter(|node| node.state == NodeState::Failed) {
+        out::note(&failure(node, report, graph, paint));
+    }
+    if report.state == RunState::Interrupted {
+        let kept = report.count(NodeState::Ran) + report.count(NodeState::Cached);
+        out::note(&format!(
+            "{} {kept} of {} nodes are finished and kept",
+            paint.yellow("interrupted:"),
+            report.nodes.len()
+        ));
+        out::note(&format!("  = {} go on with `{}`", paint.bold("help:"), out::command(argv)));
+    }
+}
+
+fn table(report: &Report, paint: Paint) -> String {
+    let mut rows = Vec::new();
+    if report.nodes.len() <= ROWS {
+        rows.extend(
+            report
+                .nodes
+                .iter()
+                .map(|node| vec![node.name.clone(), state(node.state, paint), time(node.secs), key_figure(node)]),
+        );
+    } else {
+        let mut stages: Vec<(&str, Vec<&NodeReport>)> = Vec::new();
+        for node in &report.nodes {
+            match stages.iter_mut().find(|(stage, _)| *stage == node.stage) {
+                Some((_, nodes)) => nodes.push(node),
+                None => stages.push((&node.stage, vec![node])),
+            }
+        }
+        rows.extend(stages.iter().map(|(stage, nodes)| stage_row(stage, nodes, paint)));
+    }
+    out::table(&rows)
+}
+
+fn stage_row(stage: &str, nodes: &[&NodeReport], paint: Paint) -> Vec<String> {
+    let mut counts: BTreeMap<u8, (NodeState, usize)> = BTreeMap::new();
+    for node in nodes {
+        counts.entry(node.state as u8).or_insert((node.state, 0)).1 += 1;
+    }
+    let states = counts.values().map(|(it, count)| format!("{} {count}", state(*it, paint)));
+    let figure =
+        nodes.iter().rev().find(|node| !node.figures.is_empty()).map_or_else(String::new, |node| key_figure(node));
+    let secs: f64 = nodes.iter().map(|node| node.secs).sum();
+    vec![format!("{stage} x{}", nodes.len()), states.collect::<Vec<_>>().join(", "), time(secs), figure]
+}
+
+fn state(state: NodeState, paint: Paint) -> String {
+    match state {
+        NodeState::Ran => paint.green("ran"),
+        NodeState::Cached => paint.dim("cached"),
+        NodeState::Failed => paint.red("failed"),
+        NodeState::Stopped => paint.yellow("stopped"),
+        NodeState::Pending => paint.yellow("not run"),
+    }
+}
+
+fn time(secs: f64) -> String {
+    if secs > 0.0 { duration(secs) } else { String::new() }
+}
+
+/// `percent_goal` where there is one, else the first figure.
+fn key_figure(node: &NodeReport) -> String {
+    let first = node.figures.get_key_value("percent_goal").or_else(|| node.figures.first_key_value());
+    first.map_or_else(String::new, |(name, value)| format!("{name} {}", out::figure(*value)))
+}
+
+fn closing(report: &Report, paint: Paint) -> String {
+    let mut parts = Vec::new();
+    let all = [
+        (NodeState::Ran, "ran"),
+        (NodeState::Cached, "cached"),
+        (NodeState::Failed, "failed"),
+        (NodeState::Stopped, "stopped"),
+        (NodeState::Pending, "not run"),
+    ];
+    for (state, word) in all {
+        let count = report.count(state);
+        if count > 0 {
+            parts.push(format!("{count} {word}"));
+        }
+    }
+    let figure = report.percent_goal.map_or_else(String::new, |value| format!("; percent_goal {}", out::figure(value)));
+    format!("{}{}", paint.bold(&format!("{} in {}", parts.join(", "), duration(report.wall_secs))), paint.bold(&figure))
+}
+
+fn failure(node: &NodeReport, report: &Report, graph: &Graph, paint: Paint) -> String {
+    let text = node.failure.as_ref().map_or_else(String::new, |failure| out::tidy(&failure.text));
+    let kind = graph.nodes.iter().find(|it| it.name == node.name).map_or("", |it| it.kind.name);
+    let mut lines = vec![format!("{} {} ({kind}) failed: {text}", paint.red("error:"), node.name)];
+    let recording = report.path.join("live").join(format!("{}.mcap", crate::engine::runs::file_name(&node.name)));
+    if recording.exists() {
+        lines.push(format!("  = what it recorded until then: {}", recording.display()));
+    }
+    let kept = report.count(NodeState::Ran) + report.count(NodeState::Cached);
+    lines.push(format!(
+        "  = {} {kept} finished nodes are kept; the same command goes on from there",
+        paint.bold("help:")
+    ));
+    lines.join("\n")
+}

@@ -1,0 +1,93 @@
+//! `carl-pipe why`: what changed for a node since it last ran, old value and new.
+
+use serde_json::json;
+
+use super::{
+    Global,
+    exit::{Error, Exit},
+    file::{self, PipelineArgs},
+    out::{self, duration},
+};
+use crate::{
+    engine::{
+        plan::{Force, Plan, State, plan, select},
+        why::{History, Reason, reason},
+    },
+    pipeline::{Graph, NodeId},
+    stage::Kind,
+};
+
+/// The arguments of `why`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    file: PipelineArgs,
+    /// A node such as `represent@3`, or a stage for all of its nodes.
+    #[arg(value_name = "NODE")]
+    node: String,
+    /// One JSON object per node.
+    #[arg(long)]
+    json: bool,
+}
+
+/// Explains a node.
+pub(crate) fn why(global: &Global, args: &Args, kinds: &'static [Kind]) -> Result<Exit, Error> {
+    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, global.color)?;
+    let graph = &loaded.graph;
+    let wanted = file::pick(graph, std::slice::from_ref(&args.node))?;
+    let store = global.store()?;
+    let plan = plan(graph, &wanted, &store, &Force::None)?;
+    let mut history = History::new(&store.runs());
+    let named = (0..graph.nodes.len()).filter(|&id| {
+        let node = &graph.nodes[id];
+        node.name == args.node || node.stage == args.node
+    });
+    debug_assert!(select(graph, std::slice::from_ref(&args.node)).is_ok());
+    for id in named {
+        let Some(reason) = reason(graph, &plan, id, &mut history) else { continue };
+        if args.json {
+            let key = match &plan[id] {
+                Some(State::Hit(key, _) | State::Stale(key, _)) => json!({"digest": key.digest, "key": key.json}),
+                _ => json!(null),
+            };
+            let name = &graph.nodes[id].name;
+            out::line(&json!({"version": 1, "node": name, "reason": reason, "key": key}).to_string());
+        } else {
+            out::print(&told(graph, &plan, id, &reason, global));
+        }
+    }
+    Ok(Exit::Ok)
+}
+
+fn told(graph: &Graph, plan: &Plan, id: NodeId, reason: &Reason, global: &Global) -> String {
+    let paint = global.color.on_stdout();
+    let name = paint.bold(&graph.nodes[id].name);
+    let changed = |changes: &[crate::engine::key::Change]| -> String {
+        changes.iter().map(|change| format!("{name}: {change}\n")).collect()
+    };
+    let mut text = match reason {
+        Reason::Cached => match &plan[id] {
+            Some(State::Hit(key, entry)) => format!(
+                "{name} is up to date: run {} made it in {}, key {}\n",
+                entry.run,
+                duration(entry.secs),
+                key.digest.short()
+            ),
+            _ => format!("{name} is up to date\n"),
+        },
+        Reason::Changed { changes, since } => {
+            format!("{}{}", changed(changes), paint.dim(&format!("  since run {since}\n")))
+        }
+        Reason::Waiting { on, changes } => {
+            format!("{}{name}: takes what {} will make\n", changed(changes), on.join(", "))
+        }
+        other => format!("{name}: {other}\n"),
+    };
+    if global.verbose
+        && let Some(State::Hit(key, _) | State::Stale(key, _)) = &plan[id]
+    {
+        text.push_str(&serde_json::to_string_pretty(&key.json).unwrap_or_default());
+        text.push('\n');
+    }
+    text
+}

@@ -1,0 +1,162 @@
+//! Names bytes by their blake3 digest: equal digests mean equal bytes.
+
+use std::{fmt, str::FromStr};
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
+use serde_json::Value;
+
+/// A blake3 digest, written `b3:` and 64 hexadecimal digits.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Digest([u8; 32]);
+
+impl Digest {
+    /// The digest of bytes.
+    pub fn of_bytes(bytes: &[u8]) -> Self {
+        Self(*blake3::hash(bytes).as_bytes())
+    }
+
+    /// The digest of a JSON value, whatever the order of its keys.
+    pub fn of_json(value: &Value) -> Self {
+        Self::of_bytes(canonical(value).as_bytes())
+    }
+
+    /// The content digest of an artifact: over the names and digests of its files, in the order of their names.
+    pub fn of_files<'a>(files: impl IntoIterator<Item = (&'a str, Digest)>) -> Self {
+        let mut files: Vec<_> = files.into_iter().collect();
+        files.sort();
+        let mut hasher = blake3::Hasher::new_derive_key("carl-pipe artifact v1");
+        for (name, digest) in files {
+            hasher.update(&(name.len() as u64).to_le_bytes()).update(name.as_bytes()).update(&digest.0);
+        }
+        Self(*hasher.finalize().as_bytes())
+    }
+
+    /// The 64 hexadecimal digits.
+    pub fn hex(&self) -> String {
+        blake3::Hash::from_bytes(self.0).to_hex().to_string()
+    }
+
+    /// `b3:` and the first ten digits, for people.
+    pub fn short(&self) -> String {
+        format!("b3:{}", &self.hex()[..10])
+    }
+}
+
+impl From<[u8; 32]> for Digest {
+    fn from(blake3: [u8; 32]) -> Self {
+        Self(blake3)
+    }
+}
+
+impl fmt::Display for Digest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "b3:{}", self.hex())
+    }
+}
+
+impl fmt::Debug for Digest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.short())
+    }
+}
+
+/// Text that is no digest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NotADigest;
+
+impl fmt::Display for NotADigest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a digest is `b3:` and 64 hexadecimal digits")
+    }
+}
+impl std::error::Error for NotADigest {}
+
+impl FromStr for Digest {
+    type Err = NotADigest;
+
+    fn from_str(text: &str) -> Result<Self, NotADigest> {
+        let hex = text.strip_prefix("b3:").ok_or(NotADigest)?;
+        blake3::Hash::from_hex(hex).map(|hash| Self(*hash.as_bytes())).map_err(|_| NotADigest)
+    }
+}
+
+impl Serialize for Digest {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for Digest {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = std::borrow::Cow::<'de, str>::deserialize(deserializer)?;
+        text.parse().map_err(D::Error::custom)
+    }
+}
+
+/// The one way to write a JSON value: keys sorted, no spaces.
+pub fn canonical(value: &Value) -> String {
+    let mut text = String::new();
+    write_canonical(value, &mut text);
+    text
+}
+
+fn write_canonical(value: &Value, text: &mut String) {
+    match value {
+        Value::Object(map) => {
+            let mut keys: Vec<_> = map.keys().collect();
+            keys.sort();
+            text.push('{');
+            for (i, key) in keys.into_iter().enumerate() {
+                if i > 0 {
+                    text.push(',');
+                }
+                text.push_str(&Value::from(key.as_str()).to_string());
+                text.push(':');
+                write_canonical(&map[key], text);
+            }
+            text.push('}');
+        }
+        Value::Array(items) => {
+            text.push('[');
+            for (i, item) in items.iter().enumerate() {
+                if i > 0 {
+                    text.push(',');
+                }
+                write_canonical(item, text);
+            }
+            text.push(']');
+        }
+        plain => text.push_str(&plain.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn the_order_of_keys_does_not_matter() {
+        let a = json!({"b": [1, {"d": 2.5, "c": "x"}], "a": null});
+        let b: Value = serde_json::from_str(r#"{"a":null,"b":[1,{"c":"x","d":2.5}]}"#).unwrap();
+        assert_eq!(canonical(&a), r#"{"a":null,"b":[1,{"c":"x","d":2.5}]}"#);
+        assert_eq!(Digest::of_json(&a), Digest::of_json(&b));
+    }
+
+    #[test]
+    fn a_digest_survives_its_text() {
+        let digest = Digest::of_bytes(b"carl");
+        assert_eq!(digest.to_string().parse(), Ok(digest));
+        assert_eq!("b3:12".parse::<Digest>(), Err(NotADigest));
+        assert_eq!(digest.short().len(), 13);
+    }
+
+    #[test]
+    fn names_and_order_of_files_are_told_apart() {
+        let (a, b) = (Digest::of_bytes(b"a"), Digest::of_bytes(b"b"));
+        assert_eq!(Digest::of_files([("x", a), ("y", b)]), Digest::of_files([("y", b), ("x", a)]));
+        assert_ne!(Digest::of_files([("x", a), ("y", b)]), Digest::of_files([("x", b), ("y", a)]));
+        assert_ne!(Digest::of_files([("x", a)]), Digest::of_files([("y", a)]));
+    }
+}

@@ -1,0 +1,51 @@
+//! Keeps the panics of stages out of the terminal: they become the error of their node, with their place.
+
+use std::{
+    any::Any,
+    collections::BTreeMap,
+    panic,
+    sync::{Mutex, Once, PoisonError},
+    thread,
+};
+
+/// How the threads of nodes are called.
+const PREFIX: &str = "node ";
+
+/// The places of panics, by the name of the thread.
+static PLACES: Mutex<BTreeMap<String, String>> = Mutex::new(BTreeMap::new());
+
+/// The name of a node's threads.
+pub(super) fn thread_name(node: &str) -> String {
+    format!("{PREFIX}{node}")
+}
+
+/// Sends panics in threads of nodes to [`explain`]; all others are printed as ever.
+pub(super) fn keep_quiet() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        let print = panic::take_hook();
+        panic::set_hook(Box::new(move |info| {
+            let thread = thread::current();
+            match thread.name() {
+                Some(name) if name.starts_with(PREFIX) => {
+                    let place = info.location().map_or_else(String::new, ToString::to_string);
+                    PLACES.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), place);
+                }
+                _ => print(info),
+            }
+        }));
+    });
+}
+
+/// The error of a node that panicked.
+pub(super) fn explain(node: &str, payload: &(dyn Any + Send)) -> anyhow::Error {
+    let message = payload
+        .downcast_ref::<&str>()
+        .map(|text| (*text).to_owned())
+        .or_else(|| payload.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "it gave no message".to_owned());
+    match PLACES.lock().unwrap_or_else(PoisonError::into_inner).remove(&thread_name(node)) {
+        Some(place) => anyhow::anyhow!("panicked at {place}: {message}"),
+        None => anyhow::anyhow!("panicked: {message}"),
+    }
+}
