@@ -93,30 +93,31 @@ pub fn bernoulli<T: Real>(logits: &[T], pictures: &Pictures, picture: u32, weigh
     // Sixteen interleaved sums, added in order: the same bits however wide the vectors are. ln(1 + e^-|l|) is summed as
     // the logarithm of a product of up to 64 factors, each at most 2.
     let (mut positive, mut logarithms) = ([T::nil(); 16], [T::nil(); 16]);
-    // Keeps gradients of pixels that are never lit away from subnormal numbers.
-    let steepest = T::of(50.0);
+    let (logits_16, logits_rest) = logits.as_chunks::<16>();
+    let (delta_16, delta_rest) = delta.as_chunks_mut::<16>();
     vectorize(
         #[inline(always)]
         || {
-            for (logits, delta) in logits.chunks(16 * 64).zip(delta.chunks_mut(16 * 64)) {
+            for (logits, delta) in logits_16.chunks(64).zip(delta_16.chunks_mut(64)) {
                 let mut product = [T::unit(); 16];
-                for (logits, delta) in logits.chunks(16).zip(delta.chunks_mut(16)) {
-                    for (i, (&l, delta)) in logits.iter().zip(delta).enumerate() {
-                        let above = l > T::nil();
-                        let e = -(if above { l } else { -l }).smaller(steepest);
-                        let e = e.e_to();
-                        let factor = T::unit() + e;
+                for (logits, delta) in logits.iter().zip(delta) {
+                    for i in 0..16 {
+                        let (factor, above) = sigmoid(logits[i], weight, &mut delta[i]);
                         product[i] *= factor;
-                        positive[i] += if above { l } else { T::nil() };
-                        *delta = weight * (if above { T::unit() } else { e }) / factor;
+                        positive[i] += above;
                     }
                 }
-                for (logarithm, product) in logarithms.iter_mut().zip(product) {
-                    *logarithm += product.log();
+                for i in 0..16 {
+                    logarithms[i] += product[i].log();
                 }
             }
         },
     );
+    for (i, (&l, delta)) in logits_rest.iter().zip(delta_rest).enumerate() {
+        let (factor, above) = sigmoid(l, weight, delta);
+        logarithms[i] += factor.log();
+        positive[i] += above;
+    }
     let sum = |lanes: [T; 16]| lanes.into_iter().fold(T::nil(), |sum, lane| sum + lane);
     let mut value = sum(positive) + sum(logarithms);
     for pixel in pictures.lit(picture) {
@@ -124,4 +125,16 @@ pub fn bernoulli<T: Real>(logits: &[T], pictures: &Pictures, picture: u32, weigh
         value -= logits[pixel];
     }
     value
+}
+
+/// Sets delta = weight * sigmoid(l); gives 1 + e^-|l| and max(l, 0), whose logarithm and self make up softplus(l).
+#[inline(always)]
+fn sigmoid<T: Real>(l: T, weight: T, delta: &mut T) -> (T, T) {
+    // Beyond this gradients of pixels that are never lit would become subnormal.
+    let steepest = T::of(50.0);
+    let above = l.larger(T::nil());
+    let e = (l - above - above).larger(-steepest).e_to();
+    let factor = T::unit() + e;
+    *delta = weight * (if l > T::nil() { T::unit() } else { e }) / factor;
+    (factor, above)
 }
