@@ -156,6 +156,8 @@ fn mistakes_have_their_exit_codes_and_their_help() {
     let broken = toy.run("run toy.toml -S learn.pluss=1");
     assert_eq!(broken.code, Some(3));
     assert!(broken.err.contains("pluss"), "{}", broken.err);
+    let mistakes = toy.run("run toy.toml -S learn.pluss=1 --json").json();
+    assert!(mistakes["mistakes"][0]["message"].as_str().unwrap().contains("pluss"), "{mistakes}");
     fs::write(toy.path("artifacts"), "in the way").unwrap();
     let blocked = toy.run("run toy.toml");
     assert_eq!(blocked.code, Some(4));

@@ -289,15 +289,12 @@ impl<'a> Scheduler<'a> {
 
     fn finished(&mut self, id: NodeId, key: Digest, entry: Box<Entry>, secs: f64, state: NodeState) {
         let name = &self.order.graph.nodes[id].name;
-        let mut recording = None;
-        if let Some(recorded) = &entry.recording {
-            if self.store.object(recorded.object).exists() {
-                recording = self.link(name, link_name(name), recorded.object);
-            } else {
-                let text = format!("the recording of {name} is gone; `carl-pipe run --force={name}` makes it again");
-                self.events.warn(Some(name), text);
-            }
+        if entry.lost_recording {
+            let text = format!("the recording of {name} is gone; `carl-pipe run --force={name}` makes it again");
+            self.events.warn(Some(name), text);
         }
+        let recorded = entry.recording.as_ref().map(|recording| recording.object);
+        let recording = recorded.and_then(|object| self.link(name, link_name(name), object));
         for file in &entry.files {
             self.link(name, format!("{}.{}", file_name(name), file_name(&file.name)), file.object);
         }
