@@ -295,7 +295,8 @@ impl<'a> Scheduler<'a> {
         }
         let recorded = entry.recording.as_ref().map(|recording| recording.object);
         let recording = recorded.and_then(|object| self.link(name, link_name(name), object));
-        for file in &entry.files {
+        // Only where results are read off: a link costs as much as the rest of a cached node.
+        for file in entry.files.iter().filter(|_| self.order.graph.nodes[id].is_last) {
             self.link(name, format!("{}.{}", file_name(name), file_name(&file.name)), file.object);
         }
         self.tell_finished(id, secs, state, Some((&entry, recording)), None);
