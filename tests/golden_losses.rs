@@ -162,7 +162,7 @@ impl<T: Real> Case<T> {
             guidance: guided.then_some(&self.guidance),
             regularizer: None,
         };
-        let terms = workspace.step(2, &self.model, weights, &batch, true);
+        let terms = workspace.step(2, &self.model, weights, &batch);
         let gradient = workspace.gradient().iter().map(|g| g.f64()).collect();
         (terms, gradient, (0..self.x.len()).map(|i| workspace.sample_terms(i)).collect())
     }

@@ -56,6 +56,11 @@ impl Whitening {
         Self { mean: mean.iter().map(|&m| m as f32).collect(), inverse }
     }
 
+    /// None: codes enter as they are.
+    pub fn identity(latent: usize) -> Self {
+        Self { mean: vec![0.0; latent], inverse: vec![1.0; latent] }
+    }
+
     /// Writes a whitened code.
     pub fn apply(&self, z: &[f32], out: &mut [f32]) {
         for (((out, &z), &mean), &inverse) in out.iter_mut().zip(z).zip(&self.mean).zip(&self.inverse) {

@@ -3,6 +3,7 @@
 
 pub mod agent;
 pub mod distill;
+pub mod regularizer;
 pub mod rollout;
 pub mod sac;
 

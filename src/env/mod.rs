@@ -87,6 +87,10 @@ pub trait Environment: Send + Sync {
     fn map_states(&self) -> Vec<(Vec<f64>, [usize; 2])>;
     /// A state's place in the unit square, for colours and trajectories.
     fn place(&self, state: &[f64]) -> [f32; 2];
+    /// Obstacles to draw beside trajectories: row, column and radius in the unit square.
+    fn obstacles(&self) -> Vec<[f32; 3]> {
+        Vec::new()
+    }
     /// Mean %-goal of the best possible controller on the default protocol, counting T+1 states.
     fn ceiling(&self) -> f64;
     /// Mean %-goal of online CARL in the paper's Table 1.

@@ -114,6 +114,11 @@ impl Environment for Planar {
         [0, 1].map(|i| (state[i] / SIDE as f64) as f32)
     }
 
+    fn obstacles(&self) -> Vec<[f32; 3]> {
+        let radius = self.place(&[OBSTACLE_REACH; 2])[0];
+        OBSTACLES.iter().map(|o| self.place(o)).map(|[row, column]| [row, column, radius]).collect()
+    }
+
     fn ceiling(&self) -> f64 {
         78.87
     }

@@ -3,6 +3,7 @@
 mod backward;
 
 mod curvature;
+pub mod detectors;
 pub mod model;
 pub mod objective;
 pub mod trainer;

@@ -142,6 +142,17 @@ impl<T: Real> LceModel<T> {
         }
     }
 
+    /// Means of F(·|z, u) for columns of z and of u.
+    pub fn predict_mean(&self, z: &[T], u: &[T]) -> Vec<T> {
+        let (n, a) = (self.sizes.latent, self.sizes.action);
+        let columns = z.len() / n;
+        let z_u: Vec<T> = z.chunks_exact(n).zip(u.chunks_exact(a)).flat_map(|(z, u)| z.iter().chain(u)).copied().collect();
+        let mut pass = Pass::new(&self.nets.dynamics, columns, 1);
+        let mut gaussian = vec![T::nil(); 2 * n * columns];
+        self.predict(&z_u, &mut pass, &mut gaussian);
+        gaussian.chunks_exact(2 * n).flat_map(|gaussian| &gaussian[..n]).copied().collect()
+    }
+
     /// Probabilities of the pixels for every column of z.
     pub fn decode(&self, z: &[T]) -> Vec<T> {
         let columns = z.len() / self.sizes.latent;

@@ -221,20 +221,18 @@ impl<T: Real> Workspace<T> {
         &self.gradient
     }
 
-    /// Values of all parts for every sample of the last step that measured.
+    /// Values of all parts for every sample of the last step.
     pub fn sample_terms(&self, sample: usize) -> [f64; TERMS] {
         std::array::from_fn(|i| self.terms.data[sample * TERMS + i].f64())
     }
 
-    /// The gradient of the weighted loss over a batch. The pixels' losses are measured only where asked, since their
-    /// gradients need no logarithm.
+    /// The gradient of the weighted loss over a batch, and its terms.
     pub fn step(
         &mut self,
         threads: usize,
         model: &LceModel<T>,
         weights: &Weights,
         batch: &Batch<'_, T>,
-        measure: bool,
     ) -> Terms {
         let samples = batch.x.len();
         let (nets, arena) = (&model.nets, &model.arena[..]);
@@ -248,18 +246,17 @@ impl<T: Real> Workspace<T> {
             batch,
             encoder_base: &encoder_base,
             backward_base: &backward_base,
-            measure,
             mean: T::of(1.0 / samples as f64),
         };
         over_samples(threads, 0, samples, self.columns(samples), &|first, samples, columns| {
             run.samples(first, samples, columns);
         });
         (self.encoder_base, self.backward_base) = (encoder_base, backward_base);
-        self.weight_gradients(threads, model, weights, batch);
+        self.weight_gradients(threads, model, batch);
         self.mean_terms(samples)
     }
 
-    fn weight_gradients(&mut self, threads: usize, model: &LceModel<T>, weights: &Weights, batch: &Batch<'_, T>) {
+    fn weight_gradients(&mut self, threads: usize, model: &LceModel<T>, batch: &Batch<'_, T>) {
         let (nets, samples) = (&model.nets, batch.x.len());
         let mut gradient = std::mem::take(&mut self.gradient);
         let c = self.columns(samples);
@@ -271,9 +268,7 @@ impl<T: Real> Workspace<T> {
         let inputs = (&*c.z1.data, batch.actions);
         nets.backward.gradient(threads, &mut gradient, inputs, (batch.pictures, batch.x), &c.backward);
         nets.dynamics.gradient(1, &mut gradient, Into::Replace, c.dynamics_input.data, &c.dynamics);
-        if weights.curvature != 0.0 {
-            c.curvature.add_gradient(nets, &mut gradient);
-        }
+        c.curvature.add_gradient(nets, &mut gradient);
         self.gradient = gradient;
     }
 
@@ -295,7 +290,6 @@ struct Run<'a, T> {
     batch: &'a Batch<'a, T>,
     encoder_base: &'a [T],
     backward_base: &'a [T],
-    measure: bool,
     mean: T,
 }
 
@@ -374,9 +368,6 @@ impl<T: Real> Run<'_, T> {
             let mean = &c.dynamics.out[2][4 * n * i + 2 * n..][..n];
             c.decoder_input.of(i)[2 * n..].copy_from_slice(mean);
         }
-        if self.weights.curvature == 0.0 && !self.measure {
-            return;
-        }
         let sigma = T::of(self.batch.curvature_sigma);
         for i in 0..samples {
             let [.., e_z, e_u] = self.noise(first + i);
@@ -398,11 +389,9 @@ impl<T: Real> Run<'_, T> {
             for (k, (picture, weight, term)) in parts.into_iter().enumerate() {
                 let range = (3 * i + k) * pixels..(3 * i + k + 1) * pixels;
                 let logits = &c.decoder.out[2][range.clone()];
-                if self.measure {
-                    c.terms.of(i)[term] = heads::bernoulli(logits, self.batch.pictures, picture);
-                }
                 let delta = &mut c.decoder.delta[2][range];
-                heads::bernoulli_backward(logits, self.batch.pictures, picture, weight * self.mean, delta);
+                let value = heads::bernoulli(logits, self.batch.pictures, picture, weight * self.mean, delta);
+                c.terms.of(i)[term] = value;
             }
         }
     }

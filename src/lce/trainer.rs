@@ -117,12 +117,11 @@ impl<T: Real> Trainer<T> {
         which: &[u32],
         settings: &WarmUp,
         rng: &mut Rng,
-        measure: bool,
     ) -> WarmUpTerms {
         self.batch.gather(data, which, 2 * self.model.sizes.latent, rng);
         let Gathered { pairs, actions, noise, .. } = &self.batch;
         let batch = WarmUpBatch { pictures: &data.pictures, pairs, actions, noise };
-        let terms = self.warm_up.step(threads, &self.model, settings, &batch, measure);
+        let terms = self.warm_up.step(threads, &self.model, settings, &batch);
         self.adam.step(threads, self.settings, &mut self.model.arena, self.warm_up.gradient());
         terms
     }
@@ -135,7 +134,6 @@ impl<T: Real> Trainer<T> {
         which: &[u32],
         objective: &Objective<'_, T>,
         rng: &mut Rng,
-        measure: bool,
     ) -> Terms {
         let width = noise_width(self.model.sizes.latent, self.model.sizes.action);
         self.batch.gather(data, which, width, rng);
@@ -158,7 +156,7 @@ impl<T: Real> Trainer<T> {
             guidance: objective.guidance.map(|_| &guidance[..]),
             regularizer: objective.regularizer.map(|_| &by_sample as Regularizer<'_, T>),
         };
-        let terms = self.workspace.step(threads, &self.model, &objective.weights, &batch, measure);
+        let terms = self.workspace.step(threads, &self.model, &objective.weights, &batch);
         self.adam.step(threads, self.settings, &mut self.model.arena, self.workspace.gradient());
         terms
     }

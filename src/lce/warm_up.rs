@@ -127,12 +127,11 @@ impl<T: Real> WarmUpWorkspace<T> {
         model: &LceModel<T>,
         settings: &WarmUp,
         batch: &WarmUpBatch<'_, T>,
-        measure: bool,
     ) -> WarmUpTerms {
         let samples = batch.pairs.len() / 2;
         let mut base = std::mem::take(&mut self.base);
         batch.pictures.base(&model.nets.encoder.layers[0], &model.arena, &mut base);
-        let run = Run { model, settings, batch, base: &base, measure, mean: T::of(1.0 / samples as f64) };
+        let run = Run { model, settings, batch, base: &base, mean: T::of(1.0 / samples as f64) };
         over_samples(threads, 0, samples, self.columns(samples), &|first, samples, columns| {
             run.samples(first, samples, columns);
         });
@@ -167,7 +166,6 @@ struct Run<'a, T> {
     settings: &'a WarmUp,
     batch: &'a WarmUpBatch<'a, T>,
     base: &'a [T],
-    measure: bool,
     mean: T,
 }
 
@@ -216,11 +214,9 @@ impl<T: Real> Run<'_, T> {
             let picture = self.batch.pairs[2 * first + column];
             let range = column * pixels..(column + 1) * pixels;
             let logits = &c.decoder.out[2][range.clone()];
-            if self.measure {
-                c.terms.of(column / 2)[column % 2] = heads::bernoulli(logits, self.batch.pictures, picture);
-            }
             let delta = &mut c.decoder.delta[2][range];
-            heads::bernoulli_backward(logits, self.batch.pictures, picture, self.mean, delta);
+            let value = heads::bernoulli(logits, self.batch.pictures, picture, self.mean, delta);
+            c.terms.of(column / 2)[column % 2] = value;
         }
     }
 

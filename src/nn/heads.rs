@@ -87,38 +87,41 @@ pub fn log_density<T: Real>(z: &[T], gaussian: &[T], weight: T, d_z: &mut [T], d
     sum
 }
 
-/// -ln of the probability of a picture under Bernoulli pixels with these logits.
-pub fn bernoulli<T: Real>(logits: &[T], pictures: &Pictures, picture: u32) -> T {
-    // Sixteen interleaved sums, added in order: the same bits however wide the vectors are.
-    let mut lanes = [T::nil(); 16];
-    vectorize(
-        #[inline(always)]
-        || {
-            for chunk in logits.chunks(16) {
-                for (lane, &l) in lanes.iter_mut().zip(chunk) {
-                    let negative_abs = if l > T::nil() { -l } else { l };
-                    *lane += l.larger(T::nil()) + negative_abs.e_to().log_1p();
-                }
-            }
-        },
-    );
-    let softplus = lanes.into_iter().fold(T::nil(), |sum, lane| sum + lane);
-    pictures.lit(picture).fold(softplus, |sum, pixel| sum - logits[pixel])
-}
-
-/// Sets delta = weight * (sigmoid(logits) - x), the gradient of [`bernoulli`].
-pub fn bernoulli_backward<T: Real>(logits: &[T], pictures: &Pictures, picture: u32, weight: T, delta: &mut [T]) {
+/// -ln of the probability of a picture under Bernoulli pixels with these logits. Sets delta = weight * (sigmoid(logits)
+/// - x), `weight` times its gradient.
+pub fn bernoulli<T: Real>(logits: &[T], pictures: &Pictures, picture: u32, weight: T, delta: &mut [T]) -> T {
+    // Sixteen interleaved sums, added in order: the same bits however wide the vectors are. ln(1 + e^-|l|) is summed as
+    // the logarithm of a product of up to 64 factors, each at most 2.
+    let (mut positive, mut logarithms) = ([T::nil(); 16], [T::nil(); 16]);
     // Keeps gradients of pixels that are never lit away from subnormal numbers.
     let steepest = T::of(50.0);
     vectorize(
         #[inline(always)]
         || {
-            for (delta, &l) in delta.iter_mut().zip(logits) {
-                *delta = weight / (T::unit() + (-l).smaller(steepest).e_to());
+            for (logits, delta) in logits.chunks(16 * 64).zip(delta.chunks_mut(16 * 64)) {
+                let mut product = [T::unit(); 16];
+                for (logits, delta) in logits.chunks(16).zip(delta.chunks_mut(16)) {
+                    for (i, (&l, delta)) in logits.iter().zip(delta).enumerate() {
+                        let above = l > T::nil();
+                        let e = -(if above { l } else { -l }).smaller(steepest);
+                        let e = e.e_to();
+                        let factor = T::unit() + e;
+                        product[i] *= factor;
+                        positive[i] += if above { l } else { T::nil() };
+                        *delta = weight * (if above { T::unit() } else { e }) / factor;
+                    }
+                }
+                for (logarithm, product) in logarithms.iter_mut().zip(product) {
+                    *logarithm += product.log();
+                }
             }
         },
     );
+    let sum = |lanes: [T; 16]| lanes.into_iter().fold(T::nil(), |sum, lane| sum + lane);
+    let mut value = sum(positive) + sum(logarithms);
     for pixel in pictures.lit(picture) {
         delta[pixel] -= weight;
+        value -= logits[pixel];
     }
+    value
 }

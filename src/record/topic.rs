@@ -3,6 +3,8 @@
 
 /// Terms of the latent model's loss, per step.
 pub const TRAIN_LCE: &str = "/train/lce";
+/// Terms of the warm-up loss, per step.
+pub const TRAIN_WARM_UP: &str = "/train/warm_up";
 /// Losses, temperature and entropy of SAC, per step.
 pub const TRAIN_SAC: &str = "/train/sac";
 /// Divergence between the old and the new actor, per step.

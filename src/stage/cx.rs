@@ -1,6 +1,12 @@
 //! What a stage may touch while it works: named random streams, its recording, progress and its share of the cores.
 
-use crate::{env::Task, nn::Threads, record::Recorder, rng::{Purpose, Rng, Stream}};
+use super::probe::MapProbe;
+use crate::{
+    env::Task,
+    nn::Threads,
+    record::Recorder,
+    rng::{Purpose, Rng, Stream},
+};
 
 /// What the engine hears of a running stage. Nothing a host answers reaches a result.
 pub trait Host: Sync {
@@ -67,6 +73,11 @@ impl<'a> StageCx<'a> {
     /// A random stream that every round, algorithm and stage with the same seed shares, such as `"episodes"`.
     pub fn shared_rng(&self, purpose: impl Into<Purpose>) -> Rng {
         self.stream.shared(purpose.into())
+    }
+
+    /// A probe that records latent maps of known states without showing the states.
+    pub fn map_probe(&self) -> MapProbe {
+        MapProbe::new(self.task)
     }
 
     /// Reports progress.

@@ -89,7 +89,6 @@ pub fn load_port<T: PortField>(files: &InputFiles<'_>, port: &'static str) -> an
 }
 
 /// Declares the typed inputs of a stage; the documentation of each field is the help text of its port.
-#[allow(unused_macros)]
 macro_rules! inputs {
     (
         $(#[$outer:meta])*
@@ -112,5 +111,4 @@ macro_rules! inputs {
         }
     };
 }
-#[allow(unused_imports)]
 pub(crate) use inputs;

@@ -2,8 +2,16 @@
 //!
 //! A kind is one file here, named after itself, and one line in [`registry`].
 
+mod collect;
 mod cx;
+mod distill_policy;
+mod evaluate;
+mod export_latent_map;
+mod generate_data;
 mod inputs;
+mod probe;
+mod train_lce;
+mod train_sac;
 
 use anyhow::Context as _;
 use serde::{Serialize, de::DeserializeOwned};
@@ -13,7 +21,6 @@ use crate::{artifact::{Artifact, Files}, env::Task};
 
 pub use cx::{Host, Interrupted, StageCx};
 pub use inputs::{Arity, InputFiles, Inputs, Port, PortField, load_port};
-#[allow(unused_imports)]
 pub(crate) use inputs::inputs;
 
 /// One kind of stage: typed parameters and inputs in, one artifact out.
@@ -70,6 +77,11 @@ pub fn within(refusals: &mut Vec<Refusal>, path: &'static str, value: f64, low: 
     if !(value.is_finite() && (low..=high).contains(&value)) {
         refusals.push(Refusal { path, why: format!("must lie in {low}..{high}, but is `{value}`") });
     }
+}
+
+/// Refuses a count of zero.
+pub fn at_least_one(path: &'static str, value: u64) -> Vec<Refusal> {
+    if value == 0 { vec![Refusal { path, why: "must be at least 1".to_owned() }] } else { Vec::new() }
 }
 
 /// Which table of defaults fills what a file does not write.
@@ -151,7 +163,17 @@ impl Kind {
 
 /// Every kind there is, in the order of a pipeline.
 pub fn registry() -> &'static [Kind] {
-    static KINDS: std::sync::LazyLock<Vec<Kind>> = std::sync::LazyLock::new(Vec::new);
+    static KINDS: std::sync::LazyLock<Vec<Kind>> = std::sync::LazyLock::new(|| {
+        vec![
+            Kind::of::<generate_data::GenerateData>(),
+            Kind::of::<collect::Collect>(),
+            Kind::of::<train_lce::TrainLce>(),
+            Kind::of::<distill_policy::DistillPolicy>(),
+            Kind::of::<train_sac::TrainSac>(),
+            Kind::of::<evaluate::Evaluate>(),
+            Kind::of::<export_latent_map::ExportLatentMap>(),
+        ]
+    });
     &KINDS
 }
 

@@ -1,0 +1,90 @@
+//! New transitions from acting with what was learned (paper, "Sample the environment for new real data").
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{PresetOf, Refusal, Stage, StageCx, inputs};
+use crate::{
+    artifact::{TrainedModel, Transitions},
+    control::{
+        Agent,
+        rollout::{self, Acting, Episode, Unstick},
+    },
+    nn::noise,
+    record::{At, topic},
+};
+
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Params {
+    /// Transitions to make, in episodes of T steps; the last episode is cut short.
+    samples: u64,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self { samples: 128 }
+    }
+}
+
+impl super::Params for Params {
+    fn preset(_: &PresetOf<'_>) -> Self {
+        Self::default()
+    }
+
+    fn check(&self) -> Vec<Refusal> {
+        super::at_least_one("samples", self.samples)
+    }
+}
+
+inputs! {
+    pub(super) struct Inputs {
+        /// the encoder to see with
+        model: TrainedModel,
+        /// the policy to act with
+        agent: Agent,
+    }
+}
+
+pub(super) struct Collect;
+
+impl Stage for Collect {
+    const KIND: &'static str = "collect";
+    const VERSION: u32 = 1;
+    const ABOUT: &'static str = "transitions on the policy: encoder means, sampled actions, fresh starts";
+    type Params = Params;
+    type Inputs = Inputs;
+    type Output = Transitions;
+
+    fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<Transitions> {
+        let env = cx.task.open();
+        let mut rng = cx.rng("episodes");
+        let goals = env.goals();
+        let picture = env.picture_size();
+        let mut transitions = Transitions {
+            picture,
+            action_dim: env.action_limit().len(),
+            goals: goals.iter().flat_map(|goal| env.picture(goal)).collect(),
+            ..Transitions::default()
+        };
+        // Every goal in turn, from a random one on.
+        let mut goal = noise::index(&mut rng, goals.len());
+        let total = params.samples as usize;
+        while transitions.len() < total {
+            goal = (goal + 1) % goals.len();
+            let episode = Episode { start: env.sample_start(&mut rng), goal: goals[goal].clone() };
+            let steps = env.horizon().min(total - transitions.len());
+            let controller = (&inputs.model.model, &inputs.agent);
+            let path = rollout::run(&*env, controller, &episode, steps, (Acting::Sample, Unstick::Off), &mut rng);
+            for step in &path {
+                transitions.push(&step.before, &step.action, &step.after, goal as u32);
+            }
+            let at = At::new(cx.round, 0, transitions.len() as u64);
+            if let Some(last) = path.last() {
+                cx.record.picture(topic::PICTURE_OBSERVATION, at, picture.0 as u32, picture.1 as u32, &last.after);
+            }
+            cx.tick(transitions.len() as u64, params.samples, "")?;
+        }
+        Ok(transitions)
+    }
+}

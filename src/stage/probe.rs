@@ -1,0 +1,110 @@
+//! A probe of the latent map: it hands out pictures of known states and takes codes, and keeps the states to itself, so
+//! that training can record its map without ever holding a state.
+
+use crate::{
+    artifact::LatentMap,
+    env::Task,
+    lce::LceModel,
+    record::{At, MapFrame, Recorder, topic},
+};
+
+/// Pictures of known states.
+#[derive(Debug)]
+pub struct MapProbe {
+    frames: Vec<u8>,
+    goals: Vec<u8>,
+    grid: Vec<[u32; 2]>,
+    places: Vec<[f32; 2]>,
+}
+
+impl MapProbe {
+    /// The states that a task's map shows.
+    pub(super) fn new(task: &Task) -> Self {
+        let env = task.open();
+        let states = env.map_states();
+        Self {
+            frames: states.iter().flat_map(|(state, _)| env.picture(state)).collect(),
+            goals: env.goals().iter().flat_map(|goal| env.picture(goal)).collect(),
+            grid: states.iter().map(|(_, cell)| cell.map(|i| i as u32)).collect(),
+            places: states.iter().map(|(state, _)| env.place(state)).collect(),
+        }
+    }
+
+    /// The map of a model.
+    pub fn map(&self, model: &LceModel) -> LatentMap {
+        let latent = model.sizes.latent;
+        let codes = model.encode_means(&model.pictures(&self.frames));
+        let goals = model.encode_means(&model.pictures(&self.goals));
+        let quality = affine_fit(&codes, latent, &self.places);
+        LatentMap { latent, grid: self.grid.clone(), places: self.places.clone(), codes, goals, quality }
+    }
+
+    /// Records the map of a model; gives its quality.
+    pub fn record(&self, model: &LceModel, record: &mut Recorder, at: At) -> f64 {
+        let map = self.map(model);
+        write(&map, record, at);
+        map.quality
+    }
+}
+
+/// Writes a map to a recording.
+pub fn write(map: &LatentMap, record: &mut Recorder, at: At) {
+    let pad = |code: &[f32]| [0, 1, 2].map(|i| code.get(i).copied().unwrap_or(0.0));
+    let latents: Vec<[f32; 3]> = map.codes.chunks_exact(map.latent).map(pad).collect();
+    let goals: Vec<[f32; 3]> = map.goals.chunks_exact(map.latent).map(pad).collect();
+    let frame = MapFrame { positions: &map.places, latents: &latents, goals: &goals, quality: map.quality };
+    record.latent_map(topic::LATENT_MAP, at, &frame);
+}
+
+/// R² of the best affine read-out of places from codes: 1 is a perfect map, 0 one that knows nothing.
+fn affine_fit(codes: &[f32], latent: usize, places: &[[f32; 2]]) -> f64 {
+    let width = latent + 1;
+    let row = |i: usize| codes[i * latent..][..latent].iter().map(|&z| f64::from(z)).chain([1.0]).collect::<Vec<f64>>();
+    // Normal equations with both right-hand sides beside them.
+    let mut equations = vec![vec![0.0; width + 2]; width];
+    for (i, place) in places.iter().enumerate() {
+        let x = row(i);
+        for (a, equation) in equations.iter_mut().enumerate() {
+            for (entry, b) in equation.iter_mut().zip(x.iter().copied().chain(place.map(f64::from))) {
+                *entry += x[a] * b;
+            }
+        }
+    }
+    for pivot in 0..width {
+        let best = (pivot..width).max_by(|&a, &b| equations[a][pivot].abs().total_cmp(&equations[b][pivot].abs()));
+        equations.swap(pivot, best.unwrap_or(pivot));
+        if equations[pivot][pivot].abs() < 1e-12 {
+            return 0.0;
+        }
+        let lead = equations[pivot].clone();
+        for (a, equation) in equations.iter_mut().enumerate() {
+            if a != pivot {
+                let share = equation[pivot] / lead[pivot];
+                equation.iter_mut().zip(&lead).for_each(|(entry, lead)| *entry -= share * lead);
+            }
+        }
+    }
+    let count = places.len() as f64;
+    let (mut rest, mut total) = (0.0, 0.0);
+    for k in 0..2 {
+        let mean = places.iter().map(|p| f64::from(p[k])).sum::<f64>() / count;
+        let weights: Vec<f64> = (0..width).map(|a| equations[a][width + k] / equations[a][a]).collect();
+        for (i, place) in places.iter().enumerate() {
+            let read = row(i).iter().zip(&weights).map(|(x, w)| x * w).sum::<f64>();
+            rest += (f64::from(place[k]) - read).powi(2);
+            total += (f64::from(place[k]) - mean).powi(2);
+        }
+    }
+    1.0 - rest / total
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn an_affine_map_has_quality_one_and_a_constant_one_zero() {
+        let places: Vec<[f32; 2]> = (0..100).map(|i| [(i % 10) as f32 / 10.0, (i / 10) as f32 / 10.0]).collect();
+        let codes: Vec<f32> = places.iter().flat_map(|[r, c]| [2.0 * r - c + 1.0, r + 3.0 * c]).collect();
+        assert!((super::affine_fit(&codes, 2, &places) - 1.0).abs() < 1e-6);
+        assert_eq!(super::affine_fit(&vec![1.0; 200], 2, &places), 0.0);
+    }
+}

@@ -1,0 +1,198 @@
+//! Model-based soft actor-critic in the latent space (paper, "learning a latent space policy").
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{Preset, PresetOf, Refusal, Stage, StageCx, above_zero, inputs, within};
+use crate::{
+    artifact::{TrainedModel, Transitions},
+    control::{
+        Agent,
+        agent::Whitening,
+        sac::{Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
+    },
+    record::{At, topic},
+};
+
+#[derive(Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Params {
+    /// Updates of critics, actor and temperature.
+    steps: u64,
+    /// Discount factor.
+    discount: f64,
+    /// k, the steps of the latent rollout behind a critic's target.
+    rollout: u64,
+    /// Whether a target ends with the target critics' value.
+    bootstrap: bool,
+    /// Share of the new critics in their targets at every update.
+    target_rate: f64,
+    /// Share of the new actor in the average that acts, at every update; 1 acts with the newest.
+    acting_rate: f64,
+    /// Adam step size of the actor.
+    actor_learning_rate: f64,
+    /// Adam step size of the critics.
+    critic_learning_rate: f64,
+    /// Share of the step sizes that is left at the last update; they fall linearly.
+    last_pace: f64,
+    /// How the temperature moves.
+    temperature: Temperature,
+    /// Temperature of a new agent.
+    first_temperature: f64,
+    /// Adam step size of the temperature's logarithm.
+    temperature_learning_rate: f64,
+    /// The reward of a step.
+    reward: Reward,
+    /// Share of goals that are observations of the data instead of goal images.
+    relabel: f64,
+    /// Which actions the critics are trained at.
+    critic_actions: CriticActions,
+    /// Whether a new agent's networks read whitened codes.
+    whiten: bool,
+    /// Tuples that the latent buffer holds.
+    buffer: u64,
+}
+
+impl Default for Params {
+    fn default() -> Self {
+        Self {
+            steps: 250,
+            discount: 0.99,
+            rollout: 5,
+            bootstrap: false,
+            target_rate: 0.005,
+            acting_rate: 0.005,
+            actor_learning_rate: 5e-4,
+            critic_learning_rate: 1e-3,
+            last_pace: 1.0,
+            temperature: Temperature::Tuned,
+            first_temperature: 1.0,
+            temperature_learning_rate: 1e-3,
+            reward: Reward::Distance,
+            relabel: 0.5,
+            critic_actions: CriticActions::Uniform,
+            whiten: true,
+            buffer: 1_000_000,
+        }
+    }
+}
+
+impl super::Params for Params {
+    fn preset(of: &PresetOf<'_>) -> Self {
+        match of.preset {
+            Preset::Recipe => Self::default(),
+            Preset::Paper => Self {
+                acting_rate: 1.0,
+                temperature: Temperature::Decayed,
+                relabel: 0.0,
+                critic_actions: CriticActions::Data,
+                whiten: false,
+                ..Self::default()
+            },
+        }
+    }
+
+    fn check(&self) -> Vec<Refusal> {
+        let mut refusals = super::at_least_one("steps", self.steps);
+        refusals.extend(super::at_least_one("buffer", self.buffer));
+        for (path, share) in [
+            ("discount", self.discount),
+            ("target_rate", self.target_rate),
+            ("acting_rate", self.acting_rate),
+            ("last_pace", self.last_pace),
+            ("relabel", self.relabel),
+        ] {
+            within(&mut refusals, path, share, 0.0, 1.0);
+        }
+        for (path, value) in [
+            ("actor_learning_rate", self.actor_learning_rate),
+            ("critic_learning_rate", self.critic_learning_rate),
+            ("temperature_learning_rate", self.temperature_learning_rate),
+            ("first_temperature", self.first_temperature),
+        ] {
+            above_zero(&mut refusals, path, value);
+        }
+        within(&mut refusals, "rollout", self.rollout as f64, 0.0, 1000.0);
+        refusals
+    }
+}
+
+inputs! {
+    pub(super) struct Inputs {
+        /// where latent rollouts begin
+        transitions: Vec<Transitions>,
+        /// encoder and dynamics
+        model: TrainedModel,
+        /// the agent to go on with; without one, a random agent
+        start: Option<Agent>,
+    }
+}
+
+pub(super) struct TrainSac;
+
+impl Stage for TrainSac {
+    const KIND: &'static str = "train_sac";
+    const VERSION: u32 = 1;
+    const ABOUT: &'static str = "an agent by model-based soft actor-critic in the latent space";
+    type Params = Params;
+    type Inputs = Inputs;
+    type Output = Agent;
+
+    fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<Agent> {
+        let transitions = Transitions::concat(&inputs.transitions)?;
+        let model = &inputs.model.model;
+        let codes = Codes {
+            data: model.encode(&model.pictures(&transitions.observations)),
+            actions: transitions.actions.clone(),
+            goals: model.encode_means(&model.pictures(&transitions.goals)),
+        };
+        let agent = inputs.start.unwrap_or_else(|| {
+            let n = model.sizes.latent;
+            let means: Vec<f32> = codes.data.chunks_exact(2 * n).flat_map(|code| &code[..n]).copied().collect();
+            let whitening = if params.whiten { Whitening::of(&means, n) } else { Whitening::identity(n) };
+            let log_alpha = params.first_temperature.ln() as f32;
+            Agent::new(n, model.sizes.action, whitening, log_alpha, &mut cx.rng("weights"))
+        });
+        let mut trainer = SacTrainer::new(agent, model, &codes, params.sac());
+        let mut rng = cx.rng("updates");
+        for step in 0..params.steps {
+            let done = step as f64 / params.steps as f64;
+            let terms = trainer.step(cx.threads.get(), 1.0 - (1.0 - params.last_pace) * done, &mut rng);
+            cx.record.scalars(
+                topic::TRAIN_SAC,
+                At::new(cx.round, 0, step),
+                &[
+                    ("critic_loss", terms.critic),
+                    ("actor_loss", terms.actor),
+                    ("value", terms.value),
+                    ("entropy", terms.entropy),
+                    ("temperature", terms.temperature),
+                ],
+            );
+            if step % 25 == 0 || step + 1 == params.steps {
+                cx.tick(step + 1, params.steps, &format!("value {:.1}", terms.value))?;
+            }
+        }
+        Ok(trainer.agent)
+    }
+}
+
+impl Params {
+    fn sac(&self) -> Sac {
+        Sac {
+            discount: self.discount,
+            rollout: self.rollout as usize,
+            bootstrap: self.bootstrap,
+            target_rate: self.target_rate,
+            acting_rate: self.acting_rate,
+            actor_learning_rate: self.actor_learning_rate,
+            critic_learning_rate: self.critic_learning_rate,
+            temperature: self.temperature,
+            temperature_learning_rate: self.temperature_learning_rate,
+            reward: self.reward,
+            relabel: self.relabel,
+            critic_actions: self.critic_actions,
+            buffer: self.buffer as usize,
+        }
+    }
+}
