@@ -70,6 +70,24 @@ fn kills_at_random_moments_lose_nothing_that_was_finished() {
 }
 
 #[test]
+fn processes_with_other_parameters_share_what_is_equal() {
+    let toy = Toy::new();
+    let start = |plus: &str| {
+        let words = format!("--artifacts shared run toy.toml -S evaluate.plus={plus} -S data.steps=20 --json");
+        toy.command(&words).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    };
+    for child in [start("1"), start("2")] {
+        assert_eq!(Ended::of(child.wait_with_output().unwrap()).code, Some(0));
+    }
+    let times = times_run(&toy.path("shared"));
+    let (evaluations, shared): (Vec<_>, Vec<_>) = times.iter().partition(|(node, _)| node.starts_with("evaluate"));
+    assert!(
+        evaluations.iter().all(|(_, times)| **times == 2) && shared.iter().all(|(_, times)| **times == 1),
+        "{times:?}"
+    );
+}
+
+#[test]
 fn processes_beside_each_other_execute_each_node_once() {
     let toy = Toy::new();
     let start = |_| command(&toy, "shared").stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();

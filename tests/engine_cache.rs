@@ -97,6 +97,20 @@ fn an_input_damaged_under_way_is_made_again_within_the_run() {
 }
 
 #[test]
+fn a_lost_recording_is_a_warning_and_can_be_made_again() {
+    let bench = Bench::new();
+    let (report, _) = bench.run(&chain(1));
+    fs::remove_file(fs::canonicalize(report.path.join("b.mcap")).unwrap()).unwrap();
+    let (again, ear) = bench.run(&chain(1));
+    assert_eq!(again.count(Cached), 3);
+    assert_eq!(ear.warnings(), ["the recording of b is gone; `carl-pipe run --force=b` makes it again"]);
+    assert!(again.path.join("a.mcap").exists() && !again.path.join("b.mcap").exists());
+    bench.run_with(&chain(1), &Options { force: Force::Named(["b".to_owned()].into()), ..Options::default() });
+    let (healed, ear) = bench.run(&chain(1));
+    assert!(healed.path.join("b.mcap").exists() && ear.warnings().is_empty());
+}
+
+#[test]
 fn a_damaged_entry_is_a_miss() {
     let bench = Bench::new();
     let (report, _) = bench.run(&chain(1));

@@ -48,6 +48,9 @@ fn the_number_of_jobs_changes_no_digest() {
         report.nodes.iter().map(|node| (node.digest, node.recording)).collect()
     };
     assert_eq!(digests(&first), digests(&second));
+    // Neither do folder, time and number of jobs reach a key.
+    let keys = |path| Manifest::read(path).unwrap().nodes.iter().map(|node| node.key).collect::<Vec<_>>();
+    assert_eq!(keys(&first.path), keys(&second.path));
 }
 
 #[test]

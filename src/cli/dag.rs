@@ -40,7 +40,7 @@ fn task(env: &str) -> Result<Task, String> {
 
 /// Draws a graph.
 pub(crate) fn dag(args: &Args, kinds: &'static [Kind], colour: Colour) -> Result<Exit, Error> {
-    let graph = file::load(&args.file.pipeline, &args.file.changes, kinds, colour)?.graph;
+    let graph = file::load(&args.file.pipeline, &args.file.changes, kinds, colour, false)?.graph;
     out::print(&match (args.mermaid, args.expand) {
         (true, _) => pipeline::dag_mermaid(&graph),
         (_, true) => pipeline::dag_text_expanded(&graph),

@@ -7,7 +7,7 @@ use std::{
 
 use super::{
     exit::{Error, Exit, Message},
-    out::Colour,
+    out::{self, Colour},
 };
 use crate::{
     engine::plan::select,
@@ -44,7 +44,13 @@ pub(crate) struct Loaded {
 }
 
 /// Reads a pipeline file.
-pub(crate) fn load(path: &Path, changes: &ChangeArgs, kinds: &'static [Kind], colour: Colour) -> Result<Loaded, Error> {
+pub(crate) fn load(
+    path: &Path,
+    changes: &ChangeArgs,
+    kinds: &'static [Kind],
+    colour: Colour,
+    json: bool,
+) -> Result<Loaded, Error> {
     let shown = path.display().to_string();
     let bytes = fs::read(path).map_err(|error| unreadable(path, &error))?;
     let overrides = Overrides { set: changes.set.clone(), sweep: changes.sweep.clone() };
@@ -52,6 +58,9 @@ pub(crate) fn load(path: &Path, changes: &ChangeArgs, kinds: &'static [Kind], co
     match pipeline::load(&source, &overrides, kinds) {
         Ok(graph) => Ok(Loaded { text: String::from_utf8_lossy(&bytes).into_owned(), graph }),
         Err(mistakes) => {
+            if json {
+                out::line(&serde_json::json!({"version": 1, "mistakes": mistakes.to_json()}).to_string());
+            }
             let text = Message::Rendered(mistakes.render(colour.on_stderr().0));
             Err(Error { exit: Exit::PipelineInvalid, text, help: None })
         }

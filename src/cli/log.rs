@@ -11,6 +11,7 @@ use crate::engine::{
     events::{NodeState, RunState},
     manifest::{Manifest, NodeRecord},
     runs,
+    store::Store,
 };
 
 /// The arguments of `log`.
@@ -119,16 +120,10 @@ pub(crate) fn show(global: &Global, args: &ShowArgs) -> Result<Exit, Error> {
     let rows: Vec<Vec<String>> = nodes.iter().map(|node| row(node)).collect();
     out::print(&out::table(&rows));
     if args.node.is_some() {
+        let store = global.store()?;
         for node in &nodes {
             out::line(&format!("\n{} {}", paint.bold(&node.name), node.params));
-            let prefix = format!("{}.", runs::file_name(&node.name));
-            let mut files: Vec<_> =
-                std::fs::read_dir(&run_dir).into_iter().flatten().flatten().map(|item| item.path()).collect();
-            files.sort();
-            let is_its = |path: &std::path::PathBuf| {
-                path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(&prefix))
-            };
-            files.iter().filter(|path| is_its(path)).for_each(|path| out::line(&format!("  {}", path.display())));
+            out::print(&out::table(&files(&store, node)?));
         }
     }
     Ok(Exit::Ok)
@@ -139,4 +134,15 @@ fn row(node: &NodeRecord) -> Vec<String> {
     let figures = node.figures.iter().map(|(name, value)| format!("{name} {}", out::figure(*value)));
     let output = node.output.map_or_else(String::new, |digest| digest.short());
     vec![node.name.clone(), state, duration(node.secs), output, figures.collect::<Vec<_>>().join(", ")]
+}
+
+/// Where the files and the recording of a node lie.
+fn files(store: &Store, node: &NodeRecord) -> Result<Vec<Vec<String>>, Error> {
+    let entry = node.key.map_or(Ok(None), |key| store.entry(key))?;
+    let Some(entry) = entry.filter(|entry| Some(entry.output) == node.output) else {
+        return Ok(vec![vec!["  what it made is gone".to_owned()]]);
+    };
+    let row = |name: &str, object| vec![format!("  {name}"), store.object(object).display().to_string()];
+    let files = entry.files.iter().map(|file| row(&file.name, file.object));
+    Ok(files.chain(entry.recording.iter().map(|recording| row("recording", recording.object))).collect())
 }

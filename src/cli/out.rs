@@ -1,17 +1,11 @@
 //! Words for a terminal: colour where wanted, durations, tables.
 
-use std::{
-    io::{self, IsTerminal as _, Write as _},
-    process,
-};
+use std::io::{self, IsTerminal as _, Write as _};
 
-/// Writes to standard output; a reader that went away ends the program quietly.
+/// Writes to standard output. A reader that went away, as `head` does, must not end a run: its results still count.
 pub(crate) fn print(text: &str) {
     let mut out = io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => process::exit(0),
-        _ => {}
-    }
+    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
 }
 
 /// Writes a line to standard output.

@@ -78,7 +78,7 @@ fn sink(text: &str) -> Result<String, String> {
 
 /// Runs a pipeline.
 pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Error> {
-    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, global.color)?;
+    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, global.color, args.json)?;
     let graph = &loaded.graph;
     let wanted = file::pick(graph, &args.targets)?;
     let force = force(graph, &args.force)?;

@@ -37,7 +37,7 @@ const ROWS: usize = 24;
 
 /// Says what is stale.
 pub(crate) fn status(global: &Global, args: &Args, kinds: &'static [Kind]) -> Result<Exit, Error> {
-    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, global.color)?;
+    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, global.color, args.json)?;
     let wanted = file::pick(&loaded.graph, &args.targets)?;
     let store = global.store()?;
     let plan = plan(&loaded.graph, &wanted, &store, &Force::None)?;

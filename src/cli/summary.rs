@@ -1,6 +1,6 @@
 //! What became of a run: a closing table, what went wrong, and where to look next.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 
 use serde_json::{Map, Value, json};
 
@@ -52,7 +52,9 @@ pub(crate) fn print(report: &Report, graph: &Graph, global: &Global, json: bool,
         }
         out::line(&closing(report, paint));
         if !global.quiet {
-            let view = format!("carl-pipe view {}", report.run);
+            let elsewhere = global.artifacts != Path::new("artifacts") && std::env::var_os("CARL_ARTIFACTS").is_none();
+            let folder = if elsewhere { format!(" --artifacts {}", global.artifacts.display()) } else { String::new() };
+            let view = format!("carl-pipe view {}{folder}", report.run);
             out::line(&paint.dim(&format!("look: {view}  or  {}/", report.path.display())));
         }
     }

@@ -32,7 +32,7 @@ pub(crate) struct Args {
 
 /// Explains a node.
 pub(crate) fn why(global: &Global, args: &Args, kinds: &'static [Kind]) -> Result<Exit, Error> {
-    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, global.color)?;
+    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, global.color, args.json)?;
     let graph = &loaded.graph;
     let wanted = file::pick(graph, std::slice::from_ref(&args.node))?;
     let store = global.store()?;

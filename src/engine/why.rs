@@ -14,7 +14,7 @@ use super::{
 use crate::pipeline::{Graph, Node, NodeId};
 
 /// How far back to look for a node.
-const RUNS_TO_READ: usize = 50;
+const RUNS_TO_READ: usize = 20;
 
 /// A reason, for people and for `--json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -79,36 +79,50 @@ fn list(changes: &[Change]) -> String {
     changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
 }
 
-/// Earlier runs, read only once a node needs a reason.
+/// Earlier runs, newest first, each read only once a node needs it for its reason.
 #[derive(Debug)]
 pub struct History {
     runs: PathBuf,
-    manifests: Option<Vec<Manifest>>,
+    unread: Option<std::vec::IntoIter<String>>,
+    read: Vec<Manifest>,
 }
 
 impl History {
     /// The runs below a folder.
     pub fn new(runs: &Path) -> Self {
-        Self { runs: runs.to_owned(), manifests: None }
+        Self { runs: runs.to_owned(), unread: None, read: Vec::new() }
     }
 
     /// The newest earlier run that knew a node: of the same pipeline if possible, by name or else by stage and round.
     fn newest(&mut self, pipeline: &str, node: &Node) -> Option<(&Manifest, &NodeRecord)> {
+        let is_it = |record: &NodeRecord, by_name_only: bool| {
+            let by_stage = record.stage == node.stage && record.round == node.round && !by_name_only;
+            record.kind == node.kind.name && record.key.is_some() && (record.name == node.name || by_stage)
+        };
+        for by_name_only in [true, false] {
+            for at in 0.. {
+                let Some(manifest) = self.nth(at) else { break };
+                let matches = |record: &NodeRecord| is_it(record, by_name_only);
+                if manifest.pipeline == pipeline
+                    && let Some(row) = manifest.nodes.iter().position(matches)
+                {
+                    return Some((&self.read[at], &self.read[at].nodes[row]));
+                }
+            }
+        }
+        let row = |manifest: &Manifest| manifest.nodes.iter().position(|record| is_it(record, true));
+        let (at, row) = self.read.iter().enumerate().find_map(|(at, manifest)| Some((at, row(manifest)?)))?;
+        Some((&self.read[at], &self.read[at].nodes[row]))
+    }
+
+    fn nth(&mut self, at: usize) -> Option<&Manifest> {
         let runs = &self.runs;
-        let manifests = self.manifests.get_or_insert_with(|| runs::manifests(runs).take(RUNS_TO_READ).collect());
-        let by_name = |record: &NodeRecord| record.kind == node.kind.name && record.name == node.name;
-        let by_stage = |record: &NodeRecord| {
-            record.kind == node.kind.name && record.stage == node.stage && record.round == node.round
-        };
-        let same = || manifests.iter().filter(|manifest| manifest.pipeline == pipeline);
-        let search = |manifest: &'_ Manifest, matches: &dyn Fn(&NodeRecord) -> bool| {
-            manifest.nodes.iter().position(|record| matches(record) && record.key.is_some())
-        };
-        let found = same()
-            .find_map(|manifest| search(manifest, &by_name).map(|at| (manifest, at)))
-            .or_else(|| same().find_map(|manifest| search(manifest, &by_stage).map(|at| (manifest, at))))
-            .or_else(|| manifests.iter().find_map(|manifest| search(manifest, &by_name).map(|at| (manifest, at))));
-        found.map(|(manifest, at)| (manifest, &manifest.nodes[at]))
+        let unread = self.unread.get_or_insert_with(|| runs::list(runs).unwrap_or_default().into_iter());
+        while self.read.len() <= at && self.read.len() < RUNS_TO_READ {
+            let id = unread.next()?;
+            self.read.extend(Manifest::read(&self.runs.join(id)).ok());
+        }
+        self.read.get(at)
     }
 }
 

@@ -289,16 +289,14 @@ impl<'a> Scheduler<'a> {
 
     fn finished(&mut self, id: NodeId, key: Digest, entry: Box<Entry>, secs: f64, state: NodeState) {
         let name = &self.order.graph.nodes[id].name;
-        let mut recording = None;
-        if let Some(recorded) = &entry.recording {
-            if self.store.object(recorded.object).exists() {
-                recording = self.link(name, link_name(name), recorded.object);
-            } else {
-                let text = format!("the recording of {name} is gone; `carl-pipe run --force={name}` makes it again");
-                self.events.warn(Some(name), text);
-            }
+        if entry.lost_recording {
+            let text = format!("the recording of {name} is gone; `carl-pipe run --force={name}` makes it again");
+            self.events.warn(Some(name), text);
         }
-        for file in &entry.files {
+        let recorded = entry.recording.as_ref().map(|recording| recording.object);
+        let recording = recorded.and_then(|object| self.link(name, link_name(name), object));
+        // Only where results are read off: a link costs as much as the rest of a cached node.
+        for file in entry.files.iter().filter(|_| self.order.graph.nodes[id].is_last) {
             self.link(name, format!("{}.{}", file_name(name), file_name(&file.name)), file.object);
         }
         self.tell_finished(id, secs, state, Some((&entry, recording)), None);

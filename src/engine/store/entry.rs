@@ -45,6 +45,9 @@ pub struct Entry {
     pub secs: f64,
     /// How much of that the recorder took.
     pub recorder_secs: f64,
+    /// True if there was a recording, but it is gone or damaged.
+    #[serde(skip)]
+    pub lost_recording: bool,
 }
 
 /// One file of an output.
@@ -133,7 +136,15 @@ impl Store {
                 Seen::Unusable(why) => return Ok(Found::Unusable(format!("its {} is {why}", file.name))),
             }
         }
-        if was_moved {
+        if let Some(recording) = &mut entry.recording {
+            match self.look_at(recording.object, recording.stat)? {
+                Seen::Same => {}
+                Seen::Moved(stat) => (recording.stat, was_moved) = (stat, true),
+                // The result stands without it.
+                Seen::Unusable(_) => (entry.recording, entry.lost_recording) = (None, true),
+            }
+        }
+        if was_moved && !entry.lost_recording {
             // Only saves the next look from reading; whether it succeeds does not matter.
             let _ = self.write_entry(&entry).and_then(|temporary| temporary.replace(&path));
         }
@@ -227,6 +238,7 @@ impl Store {
             figures: draft.figures.clone(),
             secs: draft.secs,
             recorder_secs: draft.recorder_secs,
+            lost_recording: false,
         })
     }
 
