@@ -220,3 +220,9 @@ fn a_recorder_that_is_off_leaves_nothing() {
     let finished = recorder.finish(&canonical);
     assert!(finished.path.is_none() && finished.warning.is_none() && !canonical.exists());
 }
+
+#[test]
+fn a_recorder_moves_between_threads() {
+    let recorder = Recorder::off();
+    std::thread::spawn(move || recorder.spent()).join().unwrap();
+}
