@@ -14,6 +14,8 @@ use super::{recorder::NodeInfo, schema};
 /// A chunk or message above this is taken for damage, not read into memory.
 const LARGEST_RECORD: usize = 256 << 20;
 const READ_SIZE: usize = 64 << 10;
+/// A damaged length must not reserve what the file cannot hold.
+const LARGEST_READ: usize = 1 << 20;
 
 /// A topic of a recording and how its messages are encoded.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -112,7 +114,7 @@ impl Reader {
             let Some(event) = self.mcap.next_event() else { return Ok(Polled::End) };
             let record = match event? {
                 LinearReadEvent::ReadRequest(wanted) => {
-                    let space = self.mcap.insert(wanted.max(READ_SIZE));
+                    let space = self.mcap.insert(wanted.clamp(READ_SIZE, LARGEST_READ));
                     let read = self.file.read(space)?;
                     if read == 0 {
                         return Ok(Polled::Waiting);

@@ -336,6 +336,7 @@ impl Open {
         let cloud = &mut self.cloud;
         cloud.timestamp = Some(at.timestamp());
         ROOT_FRAME.clone_into(&mut cloud.frame_id);
+        cloud.pose = Some(wire::NO_POSE);
         (cloud.round, cloud.epoch, cloud.step) = (at.round, at.epoch, at.step);
         cloud.point_stride = 0;
         cloud.fields.clear();

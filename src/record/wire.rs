@@ -21,13 +21,54 @@ pub(super) const UINT8: i32 = 1;
 /// `NumericType.FLOAT32`
 pub(super) const FLOAT32: i32 = 7;
 
-/// `foxglove.PointCloud`, without a pose: points lie where they say.
+/// `foxglove.Vector3`
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub(super) struct Vector3 {
+    #[prost(double, tag = "1")]
+    pub x: f64,
+    #[prost(double, tag = "2")]
+    pub y: f64,
+    #[prost(double, tag = "3")]
+    pub z: f64,
+}
+
+/// `foxglove.Quaternion`
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub(super) struct Quaternion {
+    #[prost(double, tag = "1")]
+    pub x: f64,
+    #[prost(double, tag = "2")]
+    pub y: f64,
+    #[prost(double, tag = "3")]
+    pub z: f64,
+    #[prost(double, tag = "4")]
+    pub w: f64,
+}
+
+/// `foxglove.Pose`
+#[derive(Clone, Copy, PartialEq, prost::Message)]
+pub(super) struct Pose {
+    #[prost(message, optional, tag = "1")]
+    pub position: Option<Vector3>,
+    #[prost(message, optional, tag = "2")]
+    pub orientation: Option<Quaternion>,
+}
+
+/// Points lie where they say. Rerun's own reader stumbles over a cloud that does not say so.
+pub(super) const NO_POSE: Pose = Pose {
+    position: Some(Vector3 { x: 0.0, y: 0.0, z: 0.0 }),
+    orientation: Some(Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }),
+};
+
+/// `foxglove.PointCloud`
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct PointCloud {
     #[prost(message, optional, tag = "1")]
     pub timestamp: Option<Timestamp>,
     #[prost(string, tag = "2")]
     pub frame_id: String,
+    #[prost(message, optional, tag = "3")]
+    pub pose: Option<Pose>,
     #[prost(fixed32, tag = "4")]
     pub point_stride: u32,
     #[prost(message, repeated, tag = "5")]
