@@ -62,6 +62,7 @@ impl Whitening {
     }
 
     /// Writes a whitened code.
+    #[inline(always)]
     pub fn apply(&self, z: &[f32], out: &mut [f32]) {
         for (((out, &z), &mean), &inverse) in out.iter_mut().zip(z).zip(&self.mean).zip(&self.inverse) {
             *out = (z - mean) * inverse;
@@ -122,6 +123,7 @@ impl Agent {
     }
 
     /// Whitened (z, z_g), what the networks read.
+    #[inline(always)]
     pub fn input(&self, z: &[f32], z_goal: &[f32], out: &mut [f32]) {
         let (now, goal) = out.split_at_mut(self.latent);
         self.whitening.apply(z, now);
@@ -165,6 +167,7 @@ impl Agent {
 }
 
 /// Keeps log standard deviations within their bounds.
+#[inline(always)]
 pub fn clamp_log_sigma(log_sigma: &mut [f32]) {
     for l in log_sigma {
         *l = l.clamp(LOG_SIGMA.0, LOG_SIGMA.1);
@@ -177,6 +180,7 @@ pub fn log_sigma_is_free(log_sigma: f32) -> bool {
 }
 
 /// A squashed sample a = tanh(mu + sigma epsilon); gives ln pi(a), and writes the action.
+#[inline(always)]
 pub fn squash(gaussian: &[f32], epsilon: &[f32], action: &mut [f32]) -> f32 {
     let a = epsilon.len();
     let mut log_pi = 0.0;

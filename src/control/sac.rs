@@ -11,7 +11,7 @@ use crate::{
         heads,
         mat::Into,
         mlp::{Pass, PassMut},
-        noise,
+        noise, vectorize,
     },
     rng::Rng,
 };
@@ -277,6 +277,14 @@ impl<'a> SacTrainer<'a> {
 
     /// z ~ E(·|x), a, z' ~ F(·|z, a) and z_g for a batch, into the buffer.
     fn fill_buffer(&mut self, rng: &mut Rng) {
+        vectorize(
+            #[inline(always)]
+            || self.fresh_tuples(rng),
+        );
+    }
+
+    #[inline(always)]
+    fn fresh_tuples(&mut self, rng: &mut Rng) {
         let (n, a) = (self.agent.latent, self.agent.action);
         let s = &mut self.scratch;
         let count = self.codes.data.len() / (2 * n);
@@ -386,6 +394,14 @@ impl<'a> SacTrainer<'a> {
 
     /// Moves the policy towards the exponential of the smaller critic: J_pi. Gives the loss and the entropy.
     fn update_actor(&mut self, threads: usize, pace: f64) -> (f64, f64) {
+        vectorize(
+            #[inline(always)]
+            || self.actor_step(threads, pace),
+        )
+    }
+
+    #[inline(always)]
+    fn actor_step(&mut self, threads: usize, pace: f64) -> (f64, f64) {
         let (n, a) = (self.agent.latent, self.agent.action);
         let (actor_net, critic_net) = (self.agent.nets.actor.1, self.agent.nets.critic.1);
         let alpha = self.agent.temperature();
@@ -470,9 +486,14 @@ impl<'a> SacTrainer<'a> {
 /// Moves `slow` towards `fast` by a share of the difference (Polyak averaging).
 fn approach(slow: &mut [f32], fast: &[f32], share: f64) {
     let share = share as f32;
-    for (slow, &fast) in slow.iter_mut().zip(fast) {
-        *slow = share.mul_add(fast - *slow, *slow);
-    }
+    vectorize(
+        #[inline(always)]
+        || {
+            for (slow, &fast) in slow.iter_mut().zip(fast) {
+                *slow = share.mul_add(fast - *slow, *slow);
+            }
+        },
+    );
 }
 
 /// What all samples of a rollout share.
@@ -488,6 +509,14 @@ struct RollOut<'a> {
 
 impl RollOut<'_> {
     fn samples(&self, first: usize, samples: usize, mut c: RolloutMut<'_, f32>) {
+        vectorize(
+            #[inline(always)]
+            || self.roll(first, samples, &mut c),
+        );
+    }
+
+    #[inline(always)]
+    fn roll(&self, first: usize, samples: usize, c: &mut RolloutMut<'_, f32>) {
         let (n, a) = (self.agent.latent, self.agent.action);
         let width = 3 * n + a;
         let tuple = |i: usize| &self.tuples[(first + i) * width..][..width];
@@ -514,7 +543,7 @@ impl RollOut<'_> {
                 c.target.of(i)[0] -= discount * alpha * log_pi;
             }
             if step == self.settings.rollout {
-                self.add_values(samples, discount, &mut c);
+                self.add_values(samples, discount, c);
                 return;
             }
             self.model.nets.dynamics.forward(&self.model.arena, c.z_u.data, &mut c.dynamics);
@@ -552,6 +581,7 @@ impl RollOut<'_> {
         }
     }
 
+    #[inline(always)]
     fn reward(&self, action: &[f32], z_next: &[f32], z_goal: &[f32]) -> f32 {
         let squared = z_next.iter().zip(z_goal).map(|(z, g)| (z - g) * (z - g)).sum::<f32>();
         match self.settings.reward {

@@ -14,6 +14,7 @@ use crate::nn::{
     mat::Into,
     mlp::{Pass, PassMut},
     pictures::{Pictures, Place},
+    vectorize,
 };
 
 /// What each part of the loss is multiplied with.
@@ -294,31 +295,43 @@ struct Run<'a, T> {
 }
 
 impl<T: Real> Run<'_, T> {
+    /// All of it under `vectorize`: outside of it every fused multiply-add would be a call.
     fn samples(&self, first: usize, samples: usize, mut c: Columns<'_, T>) {
+        vectorize(
+            #[inline(always)]
+            || self.pass(first, samples, &mut c),
+        );
+    }
+
+    #[inline(always)]
+    fn pass(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let (nets, arena) = (&self.model.nets, &self.model.arena[..]);
-        self.encode(first, samples, &mut c);
-        self.look_back(first, samples, &mut c);
-        self.predict(first, samples, &mut c);
+        self.encode(first, samples, c);
+        self.look_back(first, samples, c);
+        self.predict(first, samples, c);
         nets.decoder.forward(arena, c.decoder_input.data, &mut c.decoder);
-        self.reconstruct(first, samples, &mut c);
+        self.reconstruct(first, samples, c);
         nets.decoder.backward(arena, &mut c.decoder, Some(c.d_decoder_input.data));
-        self.back_through_dynamics(first, samples, &mut c);
-        self.back_to_encoder(first, samples, &mut c);
+        self.back_through_dynamics(first, samples, c);
+        self.back_to_encoder(first, samples, c);
         nets.encoder.backward(arena, &mut c.encoder, None);
     }
 
+    #[inline(always)]
     fn noise(&self, sample: usize) -> [&[T]; 5] {
         let (n, a) = (self.model.sizes.latent, self.model.sizes.action);
         let noise = &self.batch.noise[sample * noise_width(n, a)..][..noise_width(n, a)];
         [&noise[..n], &noise[n..2 * n], &noise[2 * n..3 * n], &noise[3 * n..4 * n], &noise[4 * n..]]
     }
 
+    #[inline(always)]
     fn action(&self, sample: usize) -> &[T] {
         let a = self.model.sizes.action;
         &self.batch.actions[sample * a..][..a]
     }
 
     /// E on x and x'; samples z1 and z_e.
+    #[inline(always)]
     fn encode(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let (nets, arena, n) = (&self.model.nets, &self.model.arena[..], self.model.sizes.latent);
         let pairs = &self.batch.pairs[2 * first..2 * (first + samples)];
@@ -337,6 +350,7 @@ impl<T: Real> Run<'_, T> {
     }
 
     /// B on (z1, u, x); samples z_q into the first of F's inputs, the mean of E(x) into the second.
+    #[inline(always)]
     fn look_back(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let (nets, arena) = (&self.model.nets, &self.model.arena[..]);
         let (n, a) = (self.model.sizes.latent, self.model.sizes.action);
@@ -355,6 +369,7 @@ impl<T: Real> Run<'_, T> {
     }
 
     /// F on (z_q, u) and (mean E(x), u), its means made absolute; the curvature around (z_e, u).
+    #[inline(always)]
     fn predict(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let (nets, arena) = (&self.model.nets, &self.model.arena[..]);
         let (n, a) = (self.model.sizes.latent, self.model.sizes.action);
@@ -379,6 +394,7 @@ impl<T: Real> Run<'_, T> {
     }
 
     /// The decoder's three losses and the deltas of its logits.
+    #[inline(always)]
     fn reconstruct(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let pixels = self.model.sizes.pixels;
         let Weights { reconstruction, encode_decode, deterministic, .. } = *self.weights;
@@ -396,11 +412,13 @@ impl<T: Real> Run<'_, T> {
         }
     }
 
+    #[inline(always)]
     fn guidance(&self, sample: usize) -> T {
         self.batch.guidance.map_or(T::unit(), |guidance| guidance[sample])
     }
 
     /// ln F(z1|z_q, u) and the deltas of F's two heads, back to z_q and the mean of E(x).
+    #[inline(always)]
     fn back_through_dynamics(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let (nets, arena, n) = (&self.model.nets, &self.model.arena[..], self.model.sizes.latent);
         c.dynamics.delta[2].fill(T::nil());
@@ -418,6 +436,7 @@ impl<T: Real> Run<'_, T> {
     }
 
     /// The Gaussians' own losses, and everything that flows back into E and B.
+    #[inline(always)]
     fn back_to_encoder(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let (nets, arena) = (&self.model.nets, &self.model.arena[..]);
         let (n, a) = (self.model.sizes.latent, self.model.sizes.action);
@@ -464,6 +483,7 @@ impl<T: Real> Run<'_, T> {
 }
 
 /// |E(x') - E(x) - scale \[u; 0\]|² of the means; adds `weight` times its gradient to both codes.
+#[inline(always)]
 pub(super) fn anchor<T: Real>(
     latent: usize,
     action: &[T],

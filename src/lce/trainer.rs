@@ -109,6 +109,9 @@ impl<T: Real> Trainer<T> {
         Self { model, adam, settings, workspace, warm_up, batch: Gathered::default() }
     }
 
+    /// EXPERIMENT
+    pub fn set_rate(&mut self, r: f64) { self.settings.learning_rate = r; }
+
     /// One step of the warm-up on the transitions `which`.
     pub fn warm_up_step(
         &mut self,

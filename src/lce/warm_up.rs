@@ -12,6 +12,7 @@ use crate::nn::{
     mat::Into,
     mlp::{Pass, PassMut},
     pictures::{Pictures, Place},
+    vectorize,
 };
 
 /// Constants of the warm-up loss.
@@ -171,14 +172,23 @@ struct Run<'a, T> {
 
 impl<T: Real> Run<'_, T> {
     fn samples(&self, first: usize, samples: usize, mut c: Columns<'_, T>) {
+        vectorize(
+            #[inline(always)]
+            || self.pass(first, samples, &mut c),
+        );
+    }
+
+    #[inline(always)]
+    fn pass(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let (nets, arena) = (&self.model.nets, &self.model.arena[..]);
-        self.forward(first, samples, &mut c);
-        self.reconstruct(first, samples, &mut c);
+        self.forward(first, samples, c);
+        self.reconstruct(first, samples, c);
         nets.decoder.backward(arena, &mut c.decoder, Some(c.d_decoder_input.data));
-        self.backward(first, samples, &mut c);
+        self.backward(first, samples, c);
         nets.encoder.backward(arena, &mut c.encoder, None);
     }
 
+    #[inline(always)]
     fn forward(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let (nets, arena) = (&self.model.nets, &self.model.arena[..]);
         let (n, a) = (self.model.sizes.latent, self.model.sizes.action);
@@ -208,6 +218,7 @@ impl<T: Real> Run<'_, T> {
         nets.decoder.forward(arena, c.decoder_input.data, &mut c.decoder);
     }
 
+    #[inline(always)]
     fn reconstruct(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let pixels = self.model.sizes.pixels;
         for column in 0..2 * samples {
@@ -220,6 +231,7 @@ impl<T: Real> Run<'_, T> {
         }
     }
 
+    #[inline(always)]
     fn backward(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let (nets, arena) = (&self.model.nets, &self.model.arena[..]);
         let (n, a) = (self.model.sizes.latent, self.model.sizes.action);
@@ -266,6 +278,7 @@ impl<T: Real> Run<'_, T> {
 
 /// The anchor on the codes of x and x': with r = (E(x') - E(x) - scale \[u; 0\]) / s, the pseudo-Huber loss
 /// o² (sqrt(1 + |r|²/o²) - 1), which is |r|²/2 for |r| well below the outlier distance o.
+#[inline(always)]
 fn robust_anchor<T: Real>(n: usize, action: &[T], s: &WarmUp, codes: &[T], mean: T, d_codes: &mut [T]) -> T {
     let (now, next) = codes.split_at(2 * n);
     let (d_now, d_next) = d_codes.split_at_mut(2 * n);

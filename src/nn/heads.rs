@@ -11,6 +11,7 @@ pub fn halves<T>(column: &[T]) -> (&[T], &[T]) {
 }
 
 /// s\[N(mu, sigma²)\] = mu + sigma * epsilon, the reparameterised sample.
+#[inline(always)]
 pub fn sample<T: Real>(gaussian: &[T], epsilon: &[T], out: &mut [T]) {
     let (mu, log_sigma) = halves(gaussian);
     for (((out, &mu), &log_sigma), &epsilon) in out.iter_mut().zip(mu).zip(log_sigma).zip(epsilon) {
@@ -19,6 +20,7 @@ pub fn sample<T: Real>(gaussian: &[T], epsilon: &[T], out: &mut [T]) {
 }
 
 /// Sends the gradient of a reparameterised sample on to its Gaussian.
+#[inline(always)]
 pub fn sample_backward<T: Real>(gaussian: &[T], epsilon: &[T], d_sample: &[T], d_gaussian: &mut [T]) {
     let n = epsilon.len();
     for i in 0..n {
@@ -28,6 +30,7 @@ pub fn sample_backward<T: Real>(gaussian: &[T], epsilon: &[T], d_sample: &[T], d
 }
 
 /// KL(q || p) of two diagonal Gaussians; adds `weight` times its gradient to both.
+#[inline(always)]
 pub fn kl<T: Real>(q: &[T], p: &[T], weight: T, d_q: &mut [T], d_p: &mut [T]) -> T {
     let n = q.len() / 2;
     let half = T::of(0.5);
@@ -47,6 +50,7 @@ pub fn kl<T: Real>(q: &[T], p: &[T], weight: T, d_q: &mut [T], d_p: &mut [T]) ->
 }
 
 /// KL(q || N(0, I)); adds `weight` times its gradient.
+#[inline(always)]
 pub fn kl_to_unit<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
     let n = q.len() / 2;
     let half = T::of(0.5);
@@ -61,6 +65,7 @@ pub fn kl_to_unit<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
 }
 
 /// The entropy of a diagonal Gaussian; adds `weight` times its gradient.
+#[inline(always)]
 pub fn entropy<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
     let n = q.len() / 2;
     let mut sum = T::nil();
@@ -72,6 +77,7 @@ pub fn entropy<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
 }
 
 /// ln N(z; mu, sigma²); adds `weight` times its gradient to the point and to the Gaussian.
+#[inline(always)]
 pub fn log_density<T: Real>(z: &[T], gaussian: &[T], weight: T, d_z: &mut [T], d_gaussian: &mut [T]) -> T {
     let n = z.len();
     let mut sum = T::nil();
