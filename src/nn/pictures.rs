@@ -76,6 +76,7 @@ impl Pictures {
 
     /// y = W x + b for the pictures `which`, then ReLU where asked. A column of `y` is `stride` long, and the layer's
     /// outputs begin at `offset` in it.
+    #[allow(clippy::too_many_arguments, reason = "a matrix product names its operands and where its result goes")]
     pub fn affine<T: Real>(
         &self,
         layer: &Linear,
