@@ -2,6 +2,8 @@
 //!
 //! `CHAOS_KILLS` says how many; `CHAOS_PIPELINE` runs the real program on that pipeline instead of the toy one.
 
+#![allow(clippy::disallowed_methods, reason = "tests wait and measure")]
+
 mod toy;
 
 use std::{

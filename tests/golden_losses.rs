@@ -126,9 +126,7 @@ impl<T: Real> Case<T> {
         }
         let mut noise = Vec::new();
         for i in 0..samples {
-            for (name, width) in
-                [("eps_znext", n), ("eps_zq", n), ("eps_ze", n), ("eps_cur_z", n), ("eps_cur_u", a)]
-            {
+            for (name, width) in [("eps_znext", n), ("eps_zq", n), ("eps_ze", n), ("eps_cur_z", n), ("eps_cur_u", a)] {
                 noise.extend(real(&golden.get(name)[i * width..(i + 1) * width]));
             }
         }

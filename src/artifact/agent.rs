@@ -4,8 +4,7 @@ use anyhow::ensure;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Artifact, Files,
-    json,
+    Artifact, Files, json,
     lce_model::{put_layers, take_layers},
     tensors::{TensorFile, Tensors, file},
 };
@@ -81,9 +80,8 @@ impl Artifact for Agent {
         let optimizer = TensorFile::open(file(files, "optimizer.safetensors")?)?;
         let actor = take(&agent, &optimizer, "actor", &nets.actor.0, about.actor_adam_steps)?;
         let acting = take_layers(&agent, "acting/", &nets.actor.0)?;
-        let critic = |i: usize| {
-            take(&agent, &optimizer, &format!("critic_{i}"), &nets.critic.0, about.critic_adam_steps[i])
-        };
+        let critic =
+            |i: usize| take(&agent, &optimizer, &format!("critic_{i}"), &nets.critic.0, about.critic_adam_steps[i]);
         let target = |i: usize| take_layers(&agent, &format!("target_{i}/"), &nets.critic.0);
         let (critics, targets) = ([critic(0)?, critic(1)?], [target(0)?, target(1)?]);
         let adam = Adam {
@@ -94,6 +92,16 @@ impl Artifact for Agent {
         let log_alpha = Trained { arena: agent.f32("log_alpha")?, adam };
         let whitening = Whitening { mean: agent.f32("whitening/mean")?, inverse: agent.f32("whitening/inverse")? };
         ensure!(whitening.mean.len() == about.latent && log_alpha.arena.len() == 1, "tensors of wrong lengths");
-        Ok(Self { latent: about.latent, action: about.action, nets, actor, acting, critics, targets, log_alpha, whitening })
+        Ok(Self {
+            latent: about.latent,
+            action: about.action,
+            nets,
+            actor,
+            acting,
+            critics,
+            targets,
+            log_alpha,
+            whitening,
+        })
     }
 }

@@ -5,8 +5,7 @@ use std::fmt::Write as _;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Artifact, Files,
-    json,
+    Artifact, Files, json,
     tensors::{TensorFile, Tensors, file},
 };
 

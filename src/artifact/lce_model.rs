@@ -4,8 +4,7 @@ use anyhow::ensure;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Artifact, Files,
-    json,
+    Artifact, Files, json,
     tensors::{TensorFile, Tensors, file},
 };
 use crate::{

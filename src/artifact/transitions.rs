@@ -6,7 +6,7 @@ use super::{
     Artifact, Files,
     tensors::{TensorFile, Tensors, file},
 };
-use crate::{lce::trainer::Data, lce::LceModel};
+use crate::{lce::LceModel, lce::trainer::Data};
 
 /// Transitions as pictures and actions.
 #[derive(Debug, Clone, PartialEq, Default)]

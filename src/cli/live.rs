@@ -1,5 +1,7 @@
 //! The live view of a run: a process of its own, so that a viewer that hangs or dies cannot touch the run.
 
+#![allow(clippy::disallowed_methods, reason = "wall time is shown to people; no result holds it")]
+
 use std::{
     fs::{self, File},
     os::unix::process::CommandExt as _,

@@ -1,5 +1,7 @@
 //! Shows a run while it happens: bars on a terminal, lines elsewhere.
 
+#![allow(clippy::disallowed_methods, reason = "wall time is shown to people; no result holds it")]
+
 use std::{
     collections::BTreeMap,
     fmt,

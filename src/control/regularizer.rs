@@ -73,7 +73,9 @@ mod tests {
         let agent = Agent::new(2, 2, whitening, 0.0, &mut rng);
         let regularizer = PolicyRegularizer::new(&agent, &[0.3, -0.4], &[1.0, 0.5]);
         let mut at_old = [0.0; 2];
-        assert!(regularizer.at(0, &[0.3, -0.4], 1.0, &mut at_old).abs() < 1e-6 && at_old.iter().all(|g| g.abs() < 1e-5));
+        assert!(
+            regularizer.at(0, &[0.3, -0.4], 1.0, &mut at_old).abs() < 1e-6 && at_old.iter().all(|g| g.abs() < 1e-5)
+        );
         let (z, mut gradient) = ([1.5, 0.9], [0.0; 2]);
         regularizer.at(0, &z, 1.0, &mut gradient);
         for k in 0..2 {

@@ -1,12 +1,7 @@
 //! Closed-loop control from pictures: the policy sees E(x) and E(x_g), never a state.
 
 use super::agent::Agent;
-use crate::{
-    env::Environment,
-    lce::LceModel,
-    nn::noise,
-    rng::Rng,
-};
+use crate::{env::Environment, lce::LceModel, nn::noise, rng::Rng};
 
 /// What to do when an action changed nothing in the picture: the mean action would repeat for ever.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]

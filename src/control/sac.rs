@@ -5,10 +5,10 @@ use super::agent::{Agent, log_sigma_is_free, squash};
 use crate::{
     lce::LceModel,
     nn::{
-        Real, join,
+        Real,
         adam::AdamSettings,
         columns::{Block, BlockMut, cut_together, over_samples},
-        heads,
+        heads, join,
         mat::Into,
         mlp::{Pass, PassMut},
         noise, vectorize,

@@ -1,5 +1,10 @@
 //! What happens in a run, as it happens: one stream that progress bars, `--json` and the live view all read.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "wall times are kept beside a run and name its folder; no key and no result holds one"
+)]
+
 use std::{
     collections::BTreeMap,
     fs::{File, OpenOptions},

@@ -1,5 +1,10 @@
 //! The folders of runs: ids that sort by time, lookup by prefix, `latest`, and links to what a run names.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "wall times are kept beside a run and name its folder; no key and no result holds one"
+)]
+
 use std::{
     fs::{self, File},
     io,

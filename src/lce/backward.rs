@@ -1,11 +1,9 @@
 //! The backward dynamics B(z', u, x) -> z: three affine layers side by side, a joint layer with ReLU, a Gaussian head.
 
-use super::{
-    model::Sizes,
-};
+use super::model::Sizes;
 use crate::nn::{
-    columns::{Block, BlockMut, cut_together},
     Real,
+    columns::{Block, BlockMut, cut_together},
     mat::Into,
     mlp::{Layout, Linear, mask},
     pictures::{Pictures, Place},

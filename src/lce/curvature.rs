@@ -1,11 +1,9 @@
 //! The curvature loss L_cur: how far F's mean is from its own linearisation nearby.
 
-use super::{
-    model::Nets,
-};
+use super::model::Nets;
 use crate::nn::{
-    columns::{Block, BlockMut, cut_together},
     Real,
+    columns::{Block, BlockMut, cut_together},
     mat::Into,
     mlp::{Pass, PassMut},
 };

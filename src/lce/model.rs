@@ -3,8 +3,7 @@
 use super::backward::Backward;
 use crate::{
     nn::{
-        Real,
-        heads,
+        Real, heads,
         mlp::{Layout, Mlp, Pass},
         pictures::{Pictures, Place},
     },
@@ -146,7 +145,8 @@ impl<T: Real> LceModel<T> {
     pub fn predict_mean(&self, z: &[T], u: &[T]) -> Vec<T> {
         let (n, a) = (self.sizes.latent, self.sizes.action);
         let columns = z.len() / n;
-        let z_u: Vec<T> = z.chunks_exact(n).zip(u.chunks_exact(a)).flat_map(|(z, u)| z.iter().chain(u)).copied().collect();
+        let z_u: Vec<T> =
+            z.chunks_exact(n).zip(u.chunks_exact(a)).flat_map(|(z, u)| z.iter().chain(u)).copied().collect();
         let mut pass = Pass::new(&self.nets.dynamics, columns, 1);
         let mut gaussian = vec![T::nil(); 2 * n * columns];
         self.predict(&z_u, &mut pass, &mut gaussian);

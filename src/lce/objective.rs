@@ -9,8 +9,9 @@ use super::{
     model::LceModel,
 };
 use crate::nn::{
+    Real,
     columns::{Block, BlockMut, cut_together, over_samples},
-    Real, heads,
+    heads,
     mat::Into,
     mlp::{Pass, PassMut},
     pictures::{Pictures, Place},
@@ -69,7 +70,18 @@ pub const TERMS: usize = 10;
 impl Terms {
     /// Terms in the order of the fields.
     pub fn from_array(t: [f64; TERMS]) -> Self {
-        let [reconstruction, kl_backward, entropy, log_density, curvature, encode_decode, prior, deterministic, regularizer, anchor] = t;
+        let [
+            reconstruction,
+            kl_backward,
+            entropy,
+            log_density,
+            curvature,
+            encode_decode,
+            prior,
+            deterministic,
+            regularizer,
+            anchor,
+        ] = t;
         Self {
             reconstruction,
             kl_backward,
@@ -228,13 +240,7 @@ impl<T: Real> Workspace<T> {
     }
 
     /// The gradient of the weighted loss over a batch, and its terms.
-    pub fn step(
-        &mut self,
-        threads: usize,
-        model: &LceModel<T>,
-        weights: &Weights,
-        batch: &Batch<'_, T>,
-    ) -> Terms {
+    pub fn step(&mut self, threads: usize, model: &LceModel<T>, weights: &Weights, batch: &Batch<'_, T>) -> Terms {
         let samples = batch.x.len();
         let (nets, arena) = (&model.nets, &model.arena[..]);
         batch.pictures.base(&nets.encoder.layers[0], arena, &mut self.encoder_base);
@@ -374,7 +380,9 @@ impl<T: Real> Run<'_, T> {
         let (nets, arena) = (&self.model.nets, &self.model.arena[..]);
         let (n, a) = (self.model.sizes.latent, self.model.sizes.action);
         nets.dynamics.forward(arena, c.dynamics_input.data, &mut c.dynamics);
-        for (gaussian, input) in c.dynamics.out[2].chunks_exact_mut(2 * n).zip(c.dynamics_input.data.chunks_exact(n + a)) {
+        for (gaussian, input) in
+            c.dynamics.out[2].chunks_exact_mut(2 * n).zip(c.dynamics_input.data.chunks_exact(n + a))
+        {
             for i in 0..n {
                 gaussian[i] += input[i];
             }

@@ -56,7 +56,6 @@ pub struct Objective<'a, T> {
     pub regularizer: Option<Regularizer<'a, T>>,
 }
 
-
 impl<T> std::fmt::Debug for Objective<'_, T> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Objective").field("weights", &self.weights).finish_non_exhaustive()

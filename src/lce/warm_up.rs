@@ -3,12 +3,11 @@
 //! From random weights the paper's loss collapses: the encoder's noise grows until the code says nothing. This loss has
 //! one optimum, a code affine in the position, that can neither collapse nor fold. It uses (x, u, x') alone.
 
-use super::{
-    model::LceModel,
-};
+use super::model::LceModel;
 use crate::nn::{
+    Real,
     columns::{Block, BlockMut, cut_together, over_samples},
-    Real, heads,
+    heads,
     mat::Into,
     mlp::{Pass, PassMut},
     pictures::{Pictures, Place},
@@ -259,7 +258,8 @@ impl<T: Real> Run<'_, T> {
             let codes = &c.encoder.out[2][4 * n * i..][..4 * n];
             let d_codes = &mut c.encoder.delta[2][4 * n * i..][..4 * n];
             for k in 0..n {
-                d_codes[k] += c.dynamics.delta[2][2 * n * i + k] + c.d_dynamics_input.of(i)[k] + c.d_decoder_input.of(i)[k];
+                d_codes[k] +=
+                    c.dynamics.delta[2][2 * n * i + k] + c.d_dynamics_input.of(i)[k] + c.d_decoder_input.of(i)[k];
             }
             let action = &self.batch.actions[(first + i) * a..][..a];
             c.terms.of(i)[3] = robust_anchor(n, action, s, codes, self.mean, d_codes);

@@ -186,7 +186,9 @@ mod tests {
 
     #[test]
     fn splitting_columns_changes_no_bit() {
-        for (m, k, n) in [(300, 300, 256), (1600, 300, 96), (20, 4, 640), (4, 300, 128), (256, 256, 128), (100, 110, 64)] {
+        for (m, k, n) in
+            [(300, 300, 256), (1600, 300, 96), (20, 4, 640), (4, 300, 128), (256, 256, 128), (100, 110, 64)]
+        {
             let (w, x) = (random::<f32>(m * k, 1), random::<f32>(k * n, 2));
             let mut whole = vec![0.0; m * n];
             product(&mut whole, Into::Replace, &w, &x, (m, k, n));

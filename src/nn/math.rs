@@ -63,7 +63,7 @@ pub fn tanh(x: f32) -> f32 {
     let large = (1.0 - e) / (1.0 + e);
     let s = a * a;
     let p = -5.704_988_7e-3_f32;
-    let p = p.mul_add(s, 2.063_908_9e-2);
+    let p = p.mul_add(s, 2.063_909e-2);
     let p = p.mul_add(s, -5.373_971_6e-2);
     let p = p.mul_add(s, 1.333_144_2e-1);
     let p = p.mul_add(s, -3.333_328e-1);

@@ -115,15 +115,7 @@ impl Linear {
     }
 
     /// Adds or sets dW = Σ dy xᵀ, from column `first` of W.
-    pub fn weight_gradient<T: Real>(
-        &self,
-        threads: usize,
-        dw: &mut [T],
-        into: Into,
-        x: &[T],
-        dy: &[T],
-        first: usize,
-    ) {
+    pub fn weight_gradient<T: Real>(&self, threads: usize, dw: &mut [T], into: Into, x: &[T], dy: &[T], first: usize) {
         let columns = dw.len() / self.n_out;
         if threads > 1 && columns > 1 && columns * dy.len() > WORTH_A_THREAD {
             let (left, right) = dw.split_at_mut(columns / 2 * self.n_out);
@@ -309,14 +301,7 @@ impl<const L: usize> Mlp<L> {
     }
 
     /// Gradients of all weights; `x` is the dense input.
-    pub fn gradient<T: Real>(
-        &self,
-        threads: usize,
-        gradient: &mut [T],
-        into: Into,
-        x: &[T],
-        pass: &PassMut<'_, T, L>,
-    ) {
+    pub fn gradient<T: Real>(&self, threads: usize, gradient: &mut [T], into: Into, x: &[T], pass: &PassMut<'_, T, L>) {
         self.layers[0].gradient(threads, gradient, into, x, pass.delta[0]);
         self.gradient_from_second(threads, gradient, into, pass);
     }

@@ -76,6 +76,7 @@ impl Pictures {
 
     /// y = W x + b for the pictures `which`, then ReLU where asked. A column of `y` is `stride` long, and the layer's
     /// outputs begin at `offset` in it.
+    #[allow(clippy::too_many_arguments, reason = "a matrix product names its operands and where its result goes")]
     pub fn affine<T: Real>(
         &self,
         layer: &Linear,
@@ -204,7 +205,8 @@ mod tests {
         let layer = layout.linear("first", pixels, n_out);
         let arena: Vec<f64> = layout.initialize(&mut rng);
         let which: Vec<u32> = (0..count as u32).rev().collect();
-        let x: Vec<f64> = which.iter().flat_map(|&i| &frames[i as usize * pixels..][..pixels]).map(|&p| p.into()).collect();
+        let x: Vec<f64> =
+            which.iter().flat_map(|&i| &frames[i as usize * pixels..][..pixels]).map(|&p| p.into()).collect();
         let place = Place { stride: n_out + 3, offset: 2 };
 
         let (mut base, mut dense) = (vec![0.0; n_out], vec![0.0; n_out * count]);

@@ -1,6 +1,10 @@
 //! The number a network computes with: `f32` in production, `f64` where finite differences and golden data check it.
 
-use std::{fmt::Debug, iter::Sum, ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign}};
+use std::{
+    fmt::Debug,
+    iter::Sum,
+    ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign},
+};
 
 use super::math;
 

@@ -28,10 +28,6 @@ impl Threads {
 }
 
 /// Does both pieces of work: at once where `threads` allows, else one after the other.
-pub fn join<A: Send, B: Send>(
-    threads: usize,
-    a: impl FnOnce() -> A + Send,
-    b: impl FnOnce() -> B + Send,
-) -> (A, B) {
+pub fn join<A: Send, B: Send>(threads: usize, a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
     if threads > 1 { rayon::join(a, b) } else { (a(), b()) }
 }

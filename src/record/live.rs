@@ -1,5 +1,10 @@
 //! The MCAP file of a node while it works: whole chunks only, flushed often, so that a reader can follow it.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "wall time paces flushes and measures the cost of recording; recordings hold logical time only"
+)]
+
 use std::{
     collections::BTreeMap,
     fs::File,

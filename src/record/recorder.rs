@@ -2,6 +2,11 @@
 //!
 //! The first error turns it off and leaves one warning, which the engine takes.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "wall time paces flushes and measures the cost of recording; recordings hold logical time only"
+)]
+
 use std::{
     path::{Path, PathBuf},
     time::{Duration, Instant},

@@ -2,6 +2,11 @@
 //!
 //! An entity is a topic, the value's name where the topic has several, and the lane of the node.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "wall time paces flushes and measures the cost of recording; recordings hold logical time only"
+)]
+
 use std::{
     collections::BTreeMap,
     net::{TcpStream, ToSocketAddrs as _},

@@ -17,11 +17,14 @@ use anyhow::Context as _;
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
 
-use crate::{artifact::{Artifact, Files}, env::Task};
+use crate::{
+    artifact::{Artifact, Files},
+    env::Task,
+};
 
 pub use cx::{Host, Interrupted, StageCx};
-pub use inputs::{Arity, InputFiles, Inputs, Port, PortField, load_port};
 pub(crate) use inputs::inputs;
+pub use inputs::{Arity, InputFiles, Inputs, Port, PortField, load_port};
 
 /// One kind of stage: typed parameters and inputs in, one artifact out.
 ///

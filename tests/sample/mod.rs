@@ -1,5 +1,7 @@
 //! A made-up run with every kind of message, for tests that look at recordings from outside.
 
+#![allow(clippy::disallowed_methods, reason = "made-up curves; nothing is compared bit by bit")]
+
 use std::{fs, io::Write as _, path::Path};
 
 use carl_pipe::record::{At, Level, MapFrame, NodeInfo, Recorder, TrajectoryFrame, topic};

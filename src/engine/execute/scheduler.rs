@@ -1,5 +1,10 @@
 //! Decides which node works next, and takes in what became of it.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "wall times are kept beside a run and name its folder; no key and no result holds one"
+)]
+
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::{atomic::Ordering, mpsc},

@@ -1,5 +1,10 @@
 //! One node's work, from verified inputs to a published output.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "wall times are kept beside a run and name its folder; no key and no result holds one"
+)]
+
 use std::{
     panic::{AssertUnwindSafe, catch_unwind},
     path::Path,

@@ -1,5 +1,10 @@
 //! Locks that the kernel frees when their holder dies, however it dies.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "wall times are kept beside a run and name its folder; no key and no result holds one"
+)]
+
 use std::{
     fs::{self, File, OpenOptions, TryLockError},
     os::unix::fs::MetadataExt as _,

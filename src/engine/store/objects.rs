@@ -116,10 +116,11 @@ impl Store {
         self.stage(digest, || Temporary::write(&self.temporary(), bytes))
     }
 
-    /// Takes over a finished file as an object.
+    /// Takes over a finished file as an object; the file goes away if the store has its bytes already.
     pub(super) fn stage_file(&self, path: &Path) -> anyhow::Result<Staged> {
         let bytes = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-        self.stage(Digest::of_bytes(&bytes), || Temporary::adopt(path))
+        let adopted = Temporary::adopt(path)?;
+        self.stage(Digest::of_bytes(&bytes), move || Ok(adopted))
     }
 
     fn stage(&self, digest: Digest, write: impl FnOnce() -> anyhow::Result<Temporary>) -> anyhow::Result<Staged> {

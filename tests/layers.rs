@@ -1,0 +1,374 @@
+//! Who may use whom, read off the sources: the table below is the architecture, and ARCHITECTURE.md explains it.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::{Path, PathBuf},
+};
+
+/// A layer, what it may use, and why where that is not plain.
+const TABLE: &[(&str, &[(&str, &str)])] = &[
+    ("digest", &[]),
+    ("diag", &[]),
+    ("rng", &[]),
+    ("record", &[]),
+    ("nn", &[("rng", "initial weights and noise are drawn from a stream that the caller names")]),
+    ("env", &[("rng", "starts, goals and process noise"), ("nn", "portable normal and uniform samples, nothing else")]),
+    ("lce", &[("nn", "networks"), ("rng", "a fresh model's weights, a step's noise")]),
+    (
+        "control",
+        &[
+            ("nn", "networks"),
+            ("rng", "actions, batches, episodes"),
+            ("lce", "policies act on codes, and SAC rolls the learned dynamics out"),
+            ("env", "closed-loop control in `rollout`, and only there"),
+        ],
+    ),
+    (
+        "artifact",
+        &[
+            ("nn", "optimisers and arenas lie on disk"),
+            ("lce", "a model is an artifact"),
+            ("control", "an agent is an artifact, and an evaluation names its rule"),
+        ],
+    ),
+    (
+        "stage",
+        &[
+            ("artifact", "what goes in and comes out"),
+            ("lce", "training of the representation"),
+            ("control", "training and running of policies"),
+            ("env", "data, evaluation and the map probe"),
+            ("nn", "optimisers and noise"),
+            ("rng", "named streams"),
+            ("record", "curves, pictures and maps"),
+        ],
+    ),
+    (
+        "pipeline",
+        &[
+            ("diag", "mistakes with their place"),
+            ("env", "the `[task]` table"),
+            ("rng", "a node's stream"),
+            ("stage", "kinds: their ports, parameters and presets"),
+        ],
+    ),
+    (
+        "engine",
+        &[
+            ("pipeline", "the graph"),
+            ("stage", "what a node does"),
+            ("artifact", "files by name"),
+            ("digest", "keys and contents"),
+            ("record", "a node's recording"),
+            ("rng", "a manifest holds each node's stream"),
+            ("nn", "`Threads`, a node's share of the cores"),
+            ("env", "a manifest holds the task"),
+        ],
+    ),
+    (
+        "cli",
+        &[
+            ("engine", ""),
+            ("pipeline", ""),
+            ("stage", ""),
+            ("artifact", ""),
+            ("control", ""),
+            ("lce", ""),
+            ("env", ""),
+            ("record", ""),
+            ("nn", ""),
+            ("rng", ""),
+            ("digest", ""),
+            ("diag", ""),
+        ],
+    ),
+];
+
+/// Uses that are narrower than the table: in this layer, only these paths of the other one.
+const ONLY: &[(&str, &str, &[&str])] = &[
+    ("env", "nn", &["noise"]),
+    ("engine", "nn", &["Threads"]),
+    ("engine", "env", &["Task"]),
+    ("pipeline", "env", &["Task"]),
+    ("artifact", "control", &["Agent", "agent", "rollout"]),
+];
+
+/// What learns: it gets pictures, actions and codes, and a true state cannot reach it.
+const LEARNING: &[&str] =
+    &["lce", "control", "artifact/transitions.rs", "artifact/lce_model.rs", "artifact/agent.rs", "nn"];
+
+/// What moves the world, among files that learn.
+const ACTING: &[&str] = &["control/rollout.rs"];
+
+/// Stages that learn. They may ask which task it is, for the widths of networks.
+const LEARNING_STAGES: &[&str] = &["stage/train_lce.rs", "stage/train_sac.rs", "stage/distill_policy.rs"];
+
+fn source() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
+}
+
+/// All `.rs` files under a file or folder, in order.
+fn files(under: &Path) -> Vec<PathBuf> {
+    if under.is_file() {
+        return vec![under.to_owned()];
+    }
+    let entries = fs::read_dir(under).unwrap_or_else(|error| panic!("{}: {error}", under.display()));
+    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    paths.sort();
+    let is_source = |path: &PathBuf| path.is_dir() || path.extension().is_some_and(|extension| extension == "rs");
+    paths.into_iter().filter(is_source).flat_map(|path| files(&path)).collect()
+}
+
+/// The words and signs of a file, without comments and the insides of strings.
+fn tokens(path: &Path) -> Vec<String> {
+    let text = fs::read_to_string(path).unwrap();
+    let mut chars = text.chars().peekable();
+    let mut tokens = Vec::new();
+    while let Some(c) = chars.next() {
+        if c == '/' && chars.peek() == Some(&'/') {
+            while chars.next_if(|&c| c != '\n').is_some() {}
+        } else if c == '"' {
+            while let Some(c) = chars.next_if(|&c| c != '"') {
+                if c == '\\' {
+                    chars.next();
+                }
+            }
+            chars.next();
+        } else if c == '\'' {
+            // A character, or a lifetime, which reads as a word.
+            let mut ahead = chars.clone();
+            let first = ahead.next();
+            if first == Some('\\') || ahead.next() == Some('\'') {
+                let mut escaped = false;
+                for c in chars.by_ref() {
+                    if c == '\'' && !escaped {
+                        break;
+                    }
+                    escaped = c == '\\' && !escaped;
+                }
+            }
+        } else if c.is_alphanumeric() || c == '_' {
+            let mut word = String::from(c);
+            while let Some(c) = chars.next_if(|&c| c.is_alphanumeric() || c == '_') {
+                word.push(c);
+            }
+            if matches!(word.as_str(), "r" | "br") && matches!(chars.peek(), Some('"' | '#')) {
+                skip_raw_string(&mut chars);
+            } else {
+                tokens.push(word);
+            }
+        } else if !c.is_whitespace() {
+            tokens.push(c.into());
+        }
+    }
+    tokens
+}
+
+/// Goes past `#"…"#` with any number of hashes.
+fn skip_raw_string(chars: &mut std::iter::Peekable<std::str::Chars<'_>>) {
+    let mut hashes = 0;
+    while chars.next_if_eq(&'#').is_some() {
+        hashes += 1;
+    }
+    if chars.next_if_eq(&'"').is_none() {
+        return; // a raw word such as `r#type`
+    }
+    loop {
+        let Some(c) = chars.next() else { return };
+        if c == '"' && (0..hashes).all(|_| chars.next_if_eq(&'#').is_some()) {
+            return;
+        }
+    }
+}
+
+fn is(tokens: &[String], at: usize, want: &str) -> bool {
+    tokens.get(at).is_some_and(|token| token == want)
+}
+
+fn is_path_sign(tokens: &[String], at: usize) -> bool {
+    is(tokens, at, ":") && is(tokens, at + 1, ":")
+}
+
+/// The paths that begin at `at`, cut after two steps: `a::b`, or one for every member of a `{…}`.
+fn paths(tokens: &[String], at: usize) -> (Vec<Vec<String>>, usize) {
+    if is(tokens, at, "{") {
+        let (mut found, mut at) = (Vec::new(), at + 1);
+        while at < tokens.len() && !is(tokens, at, "}") {
+            let (more, end) = paths(tokens, at);
+            found.extend(more);
+            // Past `as name` to the next member.
+            at = end;
+            while at < tokens.len() && !is(tokens, at, ",") && !is(tokens, at, "}") {
+                at += 1;
+            }
+            at += usize::from(is(tokens, at, ","));
+        }
+        return (found, at + 1);
+    }
+    let word = tokens.get(at).cloned().unwrap_or_default();
+    if is_path_sign(tokens, at + 1) {
+        let (rest, end) = paths(tokens, at + 3);
+        let join = |rest: Vec<String>| std::iter::once(word.clone()).chain(rest).take(2).collect();
+        return (rest.into_iter().map(join).collect(), end);
+    }
+    (vec![vec![word]], at + 1)
+}
+
+/// What a file names after `crate::`.
+fn uses(tokens: &[String]) -> Vec<Vec<String>> {
+    (0..tokens.len())
+        .filter(|&at| is(tokens, at, "crate") && is_path_sign(tokens, at + 1))
+        .flat_map(|at| paths(tokens, at + 3).0)
+        .collect()
+}
+
+/// The layer of a file, and its path for messages.
+fn layer(path: &Path) -> (String, String) {
+    let inside = path.strip_prefix(source()).unwrap();
+    let first = inside.components().next().unwrap().as_os_str().to_string_lossy();
+    (first.trim_end_matches(".rs").to_owned(), inside.display().to_string())
+}
+
+#[test]
+fn every_use_is_in_the_table() {
+    let table: BTreeMap<&str, BTreeSet<&str>> =
+        TABLE.iter().map(|(layer, may)| (*layer, may.iter().map(|(other, _)| *other).collect())).collect();
+    let mut wrong = Vec::new();
+    for path in files(&source()) {
+        let (layer, shown) = layer(&path);
+        if layer == "main" || layer == "lib" {
+            continue;
+        }
+        let Some(may) = table.get(layer.as_str()) else {
+            wrong.push(format!("{shown}: layer `{layer}` is not in the table"));
+            continue;
+        };
+        for used in uses(&tokens(&path)) {
+            let other = used[0].as_str();
+            if other != layer && !may.contains(other) {
+                wrong.push(format!("{shown}: `{layer}` must not use `{}`", used.join("::")));
+            }
+            for (_, _, only) in ONLY.iter().filter(|(by, of, _)| *by == layer && *of == other) {
+                if !used.get(1).is_some_and(|part| only.contains(&part.as_str())) {
+                    wrong.push(format!("{shown}: of `{other}` only {only:?}, but it uses `{}`", used.join("::")));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn the_table_allows_nothing_that_is_not_used() {
+    let mut used = BTreeSet::new();
+    for path in files(&source()) {
+        let (layer, _) = layer(&path);
+        used.extend(uses(&tokens(&path)).into_iter().map(|path| (layer.clone(), path[0].clone())));
+    }
+    for (layer, may) in TABLE.iter().filter(|(layer, _)| *layer != "cli") {
+        for (other, why) in *may {
+            assert!(
+                used.contains(&((*layer).to_owned(), (*other).to_owned())),
+                "`{layer}` does not use `{other}`: {why}"
+            );
+        }
+    }
+}
+
+#[test]
+fn layers_have_no_circle() {
+    let mut below: BTreeSet<&str> = BTreeSet::new();
+    for (layer, may) in TABLE {
+        for (other, _) in *may {
+            assert!(below.contains(other), "`{layer}` uses `{other}`, which the table names later");
+        }
+        below.insert(layer);
+    }
+}
+
+#[test]
+fn no_path_climbs_out_of_its_layer_by_super() {
+    for path in files(&source()) {
+        let inside = path.strip_prefix(source()).unwrap();
+        let mut depth = inside.components().count();
+        depth -= usize::from(inside.ends_with("mod.rs") && depth > 1);
+        let tokens = tokens(&path);
+        // One more level inside `mod tests`.
+        let tests = tokens.windows(2).position(|two| two[0] == "mod" && two[1] == "tests").unwrap_or(tokens.len());
+        let mut at = 0;
+        while at < tokens.len() {
+            let mut chain = 0;
+            while is(&tokens, at + 3 * chain, "super") && is_path_sign(&tokens, at + 3 * chain + 1) {
+                chain += 1;
+            }
+            assert!(chain < depth + usize::from(at > tests), "{}: write `crate::` here", inside.display());
+            at += 3 * chain + 1;
+        }
+    }
+}
+
+/// Whether a file names `word`; a module where `is_module`, since k, the latent rollout, shares the name of one.
+fn names(tokens: &[String], word: &str, is_module: bool) -> bool {
+    (0..tokens.len()).any(|at| is(tokens, at, word) && (!is_module || is_path_sign(tokens, at + 1)))
+}
+
+/// `control` may use environments, but what learns in it may not; nor may the rest of what learns.
+#[test]
+fn training_cannot_see_states() {
+    for path in LEARNING.iter().flat_map(|path| files(&source().join(path))) {
+        let (_, shown) = layer(&path);
+        if ACTING.contains(&shown.as_str()) {
+            continue;
+        }
+        let tokens = tokens(&path);
+        for word in ["env", "Environment", "Task", "MapProbe", "LatentMap", "Evaluation"] {
+            assert!(!names(&tokens, word, false), "{shown} names `{word}`");
+        }
+        assert!(!names(&tokens, "rollout", true), "{shown} names `rollout`");
+    }
+    for path in LEARNING_STAGES {
+        let tokens = tokens(&source().join(path));
+        for word in ["Environment", "MapProbe", "LatentMap", "Evaluation", "open", "map_states"] {
+            assert!(!names(&tokens, word, false), "{path} names `{word}`");
+        }
+        assert!(!names(&tokens, "rollout", true), "{path} names `rollout`");
+        for used in uses(&tokens).iter().filter(|used| used[0] == "env") {
+            assert_eq!(used[1], "EnvName", "{path}");
+        }
+        for at in (0..tokens.len()).filter(|&at| is(&tokens, at, "task")) {
+            let is_name = is(&tokens, at + 1, ".") && is(&tokens, at + 2, "env");
+            assert!(is_name, "{path} takes more of the task than its name");
+        }
+        the_probe_only_records(path, &tokens);
+    }
+}
+
+/// The probe holds true states: a stage that learns may let it record, and drops the answer.
+fn the_probe_only_records(path: &str, tokens: &[String]) {
+    for at in (0..tokens.len()).filter(|&at| is(tokens, at, "map_probe")) {
+        assert_eq!(tokens[at - 5..at].concat(), "letprobe=cx.", "{path}: call it `probe`");
+        assert_eq!(tokens[at + 1..at + 4].concat(), "();", "{path}: call it `probe`");
+    }
+    for at in (1..tokens.len()).filter(|&at| is(tokens, at, "probe") && !is(tokens, at - 1, "let")) {
+        assert_eq!(tokens[at + 1..at + 3].concat(), ".record", "{path} asks the probe");
+        let end = (at..tokens.len()).find(|&end| is(tokens, end, ")")).unwrap();
+        let is_statement = is(tokens, end + 1, ";") && ["{", "}", ";"].contains(&tokens[at - 1].as_str());
+        assert!(is_statement, "{path} uses the probe's answer");
+    }
+}
+
+#[test]
+fn transitions_hold_no_states() {
+    let tokens = tokens(&source().join("artifact/transitions.rs"));
+    assert!(!tokens.iter().any(|token| token.contains("state")), "transitions are pictures and actions");
+}
+
+#[test]
+fn the_reader_of_uses_finds_groups_and_inner_groups() {
+    let text =
+        ["use", "crate", ":", ":", "{", "a", ":", ":", "{", "b", ",", "c", ":", ":", "d", "}", ",", "e", "}", ";"];
+    let tokens: Vec<String> = text.iter().map(|word| (*word).to_owned()).collect();
+    let found: Vec<String> = uses(&tokens).iter().map(|path| path.join("::")).collect();
+    assert_eq!(found, ["a::b", "a::c", "e"]);
+}
