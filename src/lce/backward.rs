@@ -170,3 +170,6 @@ impl Backward {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;
