@@ -4,12 +4,14 @@
 //! kink of a ReLU, and seeds are fixed, so the checks do not depend on luck.
 
 use carl_pipe::{
+    control::{Agent, agent::Whitening, distill},
     lce::{
         LceModel, Sizes,
         objective::{Batch, Regularizer, TERMS, Terms, Weights, Workspace, noise_width},
         warm_up::{WarmUp, WarmUpBatch, WarmUpWorkspace},
     },
     nn::{
+        adam::Adam,
         heads,
         mat::Into,
         mlp::{Layout, Linear, Mlp, Pass},
@@ -235,15 +237,8 @@ const SAMPLES: usize = 5;
 fn case(latent: usize, action: usize) -> Case {
     let mut rng = Rng::seed_from_u64(6);
     let pixels = 23;
-    let sizes = Sizes {
-        pixels,
-        latent,
-        action,
-        encoder: [7, 6],
-        decoder: [5, 7],
-        dynamics: [6, 5],
-        backward: [3, 4, 5, 6],
-    };
+    let sizes =
+        Sizes { pixels, latent, action, encoder: [7, 6], decoder: [5, 7], dynamics: [6, 5], backward: [3, 4, 5, 6] };
     let frames: Vec<u8> = (0..2 * SAMPLES * pixels).map(|_| u8::from(noise::index(&mut rng, 4) == 0)).collect();
     let background = carl_pipe::lce::model::background(&frames, pixels);
     let mut model = LceModel::<f64>::new(sizes, background, &mut rng);
@@ -285,8 +280,7 @@ fn the_gradient_of_the_whole_warm_up_equals_finite_differences() {
             let model = LceModel { arena: arena.to_vec(), ..case.model.clone() };
             let mut workspace = WarmUpWorkspace::new(&model, SAMPLES);
             let noise = &case.noise[..SAMPLES * 2 * latent];
-            let batch =
-                WarmUpBatch { pictures: &case.pictures, pairs: &case.pairs, actions: &case.actions, noise };
+            let batch = WarmUpBatch { pictures: &case.pictures, pairs: &case.pairs, actions: &case.actions, noise };
             let terms = workspace.step(1, &model, &settings, &batch);
             // What the terms leave out: the pull of codes towards zero and of the encoder's noise towards sigma.
             let codes = model.encode(&case.pictures);
@@ -336,7 +330,8 @@ fn objective(case: &Case, arena: &[f64], weights: &Weights, guided: bool) -> (f6
     let total = (0..SAMPLES).map(|i| {
         let sample: [f64; TERMS] = workspace.sample_terms(i);
         let terms = Terms::from_array(sample);
-        let guided_part = Weights { reconstruction: weights.reconstruction, consistency: weights.consistency, ..Weights::default() };
+        let guided_part =
+            Weights { reconstruction: weights.reconstruction, consistency: weights.consistency, ..Weights::default() };
         let rest = Weights { reconstruction: 0.0, consistency: 0.0, ..*weights };
         let guidance = if guided { case.guidance[i] } else { 1.0 };
         guidance * terms.total(&guided_part) + terms.total(&rest)
@@ -433,4 +428,48 @@ fn gradients_of_terms_add_up() {
     }
     let largest = sum.iter().fold(0.0_f64, |m, g| m.max(g.abs()));
     assert!(of(&every).iter().zip(&sum).all(|(a, b)| (a - b).abs() < 1e-12 * largest));
+}
+
+/// A student and a teacher in single precision: differences along the gradient, over all parameters and by layer.
+#[test]
+fn the_gradient_of_distillation_equals_finite_differences() {
+    let mut rng = Rng::seed_from_u64(8);
+    let samples = 16;
+    let new = |rng: &mut Rng| Agent::new(2, 2, Whitening::identity(2), 0.0, rng);
+    let (teacher, mut student) = (new(&mut rng), new(&mut rng));
+    let inputs: Vec<f32> = random(&mut rng, 4 * samples).iter().map(|&x| x as f32).collect();
+    let targets = teacher.gaussians(&teacher.actor.arena, &inputs);
+    let mut pass = Pass::new(&student.nets.actor.1, samples, 1);
+    let mut gradient = vec![0.0; student.actor.arena.len()];
+    let mut adam = Adam::new(gradient.len());
+    let mut kl = |arena: &[f32], rate: f64, gradient: &mut [f32]| {
+        student.actor.arena.copy_from_slice(arena);
+        let kl = distill::step(&mut student, &mut adam, rate, &mut pass, gradient, (&inputs, &targets));
+        (kl, student.actor.arena.clone())
+    };
+    let start = new(&mut rng).actor.arena;
+    let layers = teacher.nets.actor.0.layers.clone();
+    let value = kl(&start, 0.0, &mut gradient).0;
+    let whole = (0, start.len());
+    for (at, len) in layers.iter().map(|(_, layer)| (layer.at, layer.len())).chain([whole]) {
+        let part = &gradient[at..at + len];
+        let norm = part.iter().map(|&g| f64::from(g).powi(2)).sum::<f64>().sqrt();
+        let [above, below] = [2e-2, -2e-2].map(|step| {
+            let mut moved = start.clone();
+            for (p, &g) in moved[at..at + len].iter_mut().zip(part) {
+                *p += (step * f64::from(g) / norm) as f32;
+            }
+            kl(&moved, 0.0, &mut vec![0.0; start.len()]).0
+        });
+        let slope = (above - below) / 4e-2;
+        assert!((slope - norm).abs() < 0.02 * norm, "{at}: the gradient says {norm}, differences say {slope}");
+    }
+    let mut moving = start;
+    for _ in 0..100 {
+        moving = kl(&moving, 1e-3, &mut gradient).1;
+    }
+    let after = kl(&moving, 0.0, &mut gradient).0;
+    assert!(after < 0.1 * value, "KL {value} -> {after}");
+    assert!(kl(&teacher.actor.arena, 0.0, &mut gradient).0.abs() < 1e-6, "the teacher has nothing to learn");
+    assert!(gradient.iter().all(|g| g.abs() < 1e-5));
 }

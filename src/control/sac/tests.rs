@@ -61,7 +61,12 @@ fn settings() -> Sac {
 fn codes() -> Codes {
     let mut rng = Rng::seed_from_u64(1);
     let mut code = || [noise::uniform(&mut rng, -2.0, 2.0), noise::uniform(&mut rng, -2.0, 2.0)];
-    let data = (0..300).flat_map(|_| { let [a, b] = code(); [a, b, LOG_SIGMA, LOG_SIGMA] }).collect();
+    let data = (0..300)
+        .flat_map(|_| {
+            let [a, b] = code();
+            [a, b, LOG_SIGMA, LOG_SIGMA]
+        })
+        .collect();
     Codes { data, actions: vec![0.5; 600], goals: vec![1.2, -0.7] }
 }
 
@@ -79,7 +84,12 @@ fn at_rest<'a>(model: &'a LceModel, codes: &'a Codes, settings: Sac) -> SacTrain
 
 /// Compares a gradient in single precision with differences of the loss along it, along its projections on single
 /// layers, and along single parameters.
-fn check(what: &str, layers: &[(String, crate::nn::mlp::Linear)], gradient: &[f32], mut loss: impl FnMut(&[(usize, f32)]) -> f64) {
+fn check(
+    what: &str,
+    layers: &[(String, crate::nn::mlp::Linear)],
+    gradient: &[f32],
+    mut loss: impl FnMut(&[(usize, f32)]) -> f64,
+) {
     let mut along = |what: &str, entries: Vec<usize>, h: f64| {
         let norm = entries.iter().map(|&i| f64::from(gradient[i]).powi(2)).sum::<f64>().sqrt();
         assert!(norm > 1e-6, "{what}: no gradient");
@@ -203,9 +213,12 @@ fn plain_target(trainer: &SacTrainer<'_>, sample: usize) -> f64 {
 #[test]
 fn targets_are_those_of_the_algorithm_written_out() {
     let (model, codes) = (known_model(), codes());
-    for (bootstrap, reward, rollout) in
-        [(false, Reward::Distance, 4), (true, Reward::Distance, 3), (true, Reward::Quadratic, 0), (false, Reward::Quadratic, 2)]
-    {
+    for (bootstrap, reward, rollout) in [
+        (false, Reward::Distance, 4),
+        (true, Reward::Distance, 3),
+        (true, Reward::Quadratic, 0),
+        (false, Reward::Quadratic, 2),
+    ] {
         let trainer = at_rest(&model, &codes, Sac { bootstrap, reward, rollout, ..settings() });
         for sample in 0..BATCH {
             let (got, want) = (f64::from(trainer.scratch.targets[sample]), plain_target(&trainer, sample));
@@ -223,7 +236,8 @@ fn distance_after_ten_actions(agent: &Agent, codes: &Codes) -> f32 {
         let actions = agent.act(&z, &goals, None);
         z.iter_mut().zip(&actions).for_each(|(z, u)| *z += STRIDE * u);
     }
-    let squared = z.chunks_exact(2).zip(goals.chunks_exact(2)).map(|(z, g)| (z[0] - g[0]).powi(2) + (z[1] - g[1]).powi(2));
+    let squared =
+        z.chunks_exact(2).zip(goals.chunks_exact(2)).map(|(z, g)| (z[0] - g[0]).powi(2) + (z[1] - g[1]).powi(2));
     squared.map(f32::sqrt).sum::<f32>() / (z.len() / 2) as f32
 }
 
@@ -237,7 +251,12 @@ fn updates_under_known_dynamics_learn_to_reach_the_goal() {
     let after = distance_after_ten_actions(&trainer.agent, &codes);
     assert!(before > 1.2 && after < 0.5 * before, "distance {before} -> {after}");
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-    assert!(mean(&values[130..]) > mean(&values[..20]) + 0.5, "value {} -> {}", mean(&values[..20]), mean(&values[130..]));
+    assert!(
+        mean(&values[130..]) > mean(&values[..20]) + 0.5,
+        "value {} -> {}",
+        mean(&values[..20]),
+        mean(&values[130..])
+    );
 }
 
 #[test]
