@@ -15,6 +15,7 @@ use carl_pipe::{
     control::{
         Agent,
         agent::Whitening,
+        regularizer::PolicyRegularizer,
         sac::{self, Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
     },
     env::{Environment as _, Planar},
@@ -143,7 +144,7 @@ fn a_training_step_of_the_representation_allocates_nothing() {
             encode_decode: 0.01,
             prior: 0.01,
             deterministic: 0.3,
-            regularizer: 0.0,
+            regularizer: 0.1,
             anchor: 3.0,
         },
         curvature_sigma: 0.1,
@@ -151,6 +152,12 @@ fn a_training_step_of_the_representation_allocates_nothing() {
         guidance: Some(&guidance),
         regularizer: None,
     };
+    // L_reg against a frozen policy, as the stage puts it together.
+    let agent = Agent::new(2, 2, Whitening::identity(2), 0.0, &mut Rng::seed_from_u64(7));
+    let codes: Vec<f32> = (0..2 * data.len()).map(|i| (i % 9) as f32 * 0.1).collect();
+    let l_reg = PolicyRegularizer::new(&agent, &codes, &codes);
+    let l_reg = |transition: usize, z: &[f32], weight: f32, d_z: &mut [f32]| l_reg.at(transition, z, weight, d_z);
+    let objective = Objective { regularizer: Some(&l_reg), ..objective };
     let mut rng = Rng::seed_from_u64(3);
     let which: Vec<u32> = (0..data.len() as u32).collect();
     let (first, second) = which.split_at(trainer::BATCH);
