@@ -26,7 +26,10 @@ use carl_pipe::{
         trainer::{self, Data, Objective, Trainer},
         warm_up::WarmUp,
     },
-    nn::adam::{Adam, AdamSettings},
+    nn::{
+        adam::{Adam, AdamSettings},
+        mat,
+    },
     rng::Rng,
 };
 use rand::SeedableRng as _;
@@ -127,6 +130,25 @@ fn model_and_data() -> (LceModel, Data) {
 fn the_counter_counts() {
     let one = asked(|| drop(std::hint::black_box(Vec::<u8>::with_capacity(77))));
     assert_eq!(one, Asked { times: 1, bytes: 77 });
+}
+
+/// faer packs large factors into one buffer for each thread, which it sets up at the thread's first product of that
+/// size: twice the third-level cache, of which only what is used becomes real memory (private-gemm-x86, `MEM`).
+#[test]
+fn large_products_allocate_once_for_each_thread_and_small_ones_never() {
+    let of_shape = |(m, k, n): (usize, usize, usize)| {
+        let (w, x, mut out) = (vec![0.5_f32; m * k], vec![0.5; k * n], vec![0.0; m * n]);
+        asked(|| mat::product(&mut out, mat::Into::Replace, &w, &x, (m, k, n)))
+    };
+    let work = move || {
+        let small = of_shape((20, 4, 16));
+        let first = of_shape((300, 300, 256));
+        (small, first, [(1600, 300, 384), (256, 256, 128), (300, 300, 256), (20, 4, 256)].map(of_shape))
+    };
+    let (small, first, later) = std::thread::spawn(work).join().expect("a thread");
+    assert_eq!(small, NOTHING);
+    assert!(first.times <= 2, "{first:?}");
+    assert_eq!(later, [NOTHING; 4]);
 }
 
 #[test]
