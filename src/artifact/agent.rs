@@ -4,8 +4,9 @@ use anyhow::ensure;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Artifact, Files, json,
-    lce_model::{put_layers, take_layers},
+    Artifact, Files,
+    json,
+    lce_model::{check_widths, put_layers, take_layers},
     tensors::{TensorFile, Tensors, file},
 };
 use crate::{
@@ -75,6 +76,7 @@ impl Artifact for Agent {
 
     fn load(files: &Files) -> anyhow::Result<Self> {
         let about: About = serde_json::from_slice(file(files, "agent.json")?)?;
+        check_widths([&about.latent, &about.action])?;
         let nets = AgentNets::new(about.latent, about.action);
         let agent = TensorFile::open(file(files, "agent.safetensors")?)?;
         let optimizer = TensorFile::open(file(files, "optimizer.safetensors")?)?;
@@ -91,17 +93,16 @@ impl Artifact for Agent {
         };
         let log_alpha = Trained { arena: agent.f32("log_alpha")?, adam };
         let whitening = Whitening { mean: agent.f32("whitening/mean")?, inverse: agent.f32("whitening/inverse")? };
-        ensure!(whitening.mean.len() == about.latent && log_alpha.arena.len() == 1, "tensors of wrong lengths");
-        Ok(Self {
-            latent: about.latent,
-            action: about.action,
-            nets,
-            actor,
-            acting,
-            critics,
-            targets,
-            log_alpha,
-            whitening,
-        })
+        let Adam { m, v, .. } = &log_alpha.adam;
+        for (tensor, length) in [
+            (&whitening.mean, about.latent),
+            (&whitening.inverse, about.latent),
+            (&log_alpha.arena, 1),
+            (m, 1),
+            (v, 1),
+        ] {
+            ensure!(tensor.len() == length, "whitening or temperature of {} values, not {length}", tensor.len());
+        }
+        Ok(Self { latent: about.latent, action: about.action, nets, actor, acting, critics, targets, log_alpha, whitening })
     }
 }

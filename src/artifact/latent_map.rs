@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use anyhow::ensure;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -97,6 +98,14 @@ impl Artifact for LatentMap {
     fn load(files: &Files) -> anyhow::Result<Self> {
         let About { latent, quality } = serde_json::from_slice(file(files, "latent_map.json")?)?;
         let tensors = TensorFile::open(file(files, "latent_map.safetensors")?)?;
+        let shape = tensors.shape("codes")?;
+        let states = shape.first().copied().unwrap_or_default();
+        ensure!(latent > 0 && shape == [states, latent], "codes of shape {shape:?}");
+        for name in ["grid", "places"] {
+            ensure!(tensors.shape(name)? == [states, 2], "`{name}` is not of {states} states");
+        }
+        let goals = tensors.shape("goals")?;
+        ensure!(goals.len() == 2 && goals[1] == latent, "goals of shape {goals:?}");
         Ok(Self {
             latent,
             grid: tensors.u32("grid")?.as_chunks::<2>().0.to_vec(),

@@ -35,16 +35,24 @@ pub(super) fn put_layers(tensors: &mut Tensors, prefix: &str, layout: &Layout, a
     }
 }
 
+/// Refuses widths that no network of ours has, before anything is computed from them.
+pub(super) fn check_widths<'a>(widths: impl IntoIterator<Item = &'a usize>) -> anyhow::Result<()> {
+    for &width in widths {
+        ensure!((1..=1 << 24).contains(&width), "a width of {width}");
+    }
+    Ok(())
+}
+
 /// Reads what [`put_layers`] wrote.
 pub(super) fn take_layers(tensors: &TensorFile<'_>, prefix: &str, layout: &Layout) -> anyhow::Result<Vec<f32>> {
-    let mut arena = vec![0.0; layout.len];
+    // Grows with what is read: widths from a damaged file must not decide over memory.
+    let mut arena = Vec::new();
     for (name, layer) in &layout.layers {
-        let (w, b) = layer.w_b_mut(&mut arena);
-        for (part, values) in [("weight", w), ("bias", b)] {
+        for (part, shape) in [("weight", &[layer.n_in, layer.n_out][..]), ("bias", &[layer.n_out])] {
             let name = format!("{prefix}{name}.{part}");
-            let read = tensors.f32(&name)?;
-            ensure!(read.len() == values.len(), "tensor `{name}` has {} values, not {}", read.len(), values.len());
-            values.copy_from_slice(&read);
+            let found = tensors.shape(&name)?;
+            ensure!(found == shape, "tensor `{name}` has shape {found:?}, not {shape:?}");
+            arena.extend(tensors.f32(&name)?);
         }
     }
     Ok(arena)
@@ -71,6 +79,8 @@ impl Artifact for TrainedModel {
 
     fn load(files: &Files) -> anyhow::Result<Self> {
         let About { sizes, adam_steps } = serde_json::from_slice(file(files, "model.json")?)?;
+        let Sizes { pixels, latent, action, encoder, decoder, dynamics, backward } = &sizes;
+        check_widths([pixels, latent, action].into_iter().chain(encoder).chain(decoder).chain(dynamics).chain(backward))?;
         let nets = Nets::new(&sizes);
         let tensors = TensorFile::open(file(files, "model.safetensors")?)?;
         let optimizer = TensorFile::open(file(files, "optimizer.safetensors")?)?;
@@ -80,6 +90,8 @@ impl Artifact for TrainedModel {
             steps: adam_steps,
         };
         let arena = take_layers(&tensors, "", &nets.layout)?;
-        Ok(Self { model: LceModel { sizes, nets, arena, background: tensors.u8("background")? }, adam })
+        let background = tensors.u8("background")?;
+        ensure!(background.len() == sizes.pixels, "a background of {} pixels, not {}", background.len(), sizes.pixels);
+        Ok(Self { model: LceModel { sizes, nets, arena, background }, adam })
     }
 }

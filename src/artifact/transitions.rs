@@ -95,24 +95,37 @@ impl Artifact for Transitions {
             .u8("observations", &[count, height, width], &self.observations)
             .f32("actions", &[count, self.action_dim], &self.actions)
             .u8("next_observations", &[count, height, width], &self.next_observations)
-            .u8("goals", &[self.goals.len() / (height * width), height, width], &self.goals)
+            .u8("goals", &[self.goals.len().checked_div(height * width).unwrap_or_default(), height, width], &self.goals)
             .u32("goal_index", &[count], &self.goal_index);
         Ok(Files::from([(FILE.to_owned(), tensors.bytes()?)]))
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
         let tensors = TensorFile::open(file(files, FILE)?)?;
-        let shape = tensors.shape("observations")?;
-        let actions = tensors.shape("actions")?;
-        ensure!(shape.len() == 3 && actions.len() == 2 && actions[0] == shape[0], "tensors of different lengths");
+        let shape = |name: &str, is: usize| {
+            let shape = tensors.shape(name)?;
+            ensure!(shape.len() == is, "tensor `{name}` has shape {shape:?}");
+            Ok(shape)
+        };
+        let (observations, actions, goals) = (shape("observations", 3)?, shape("actions", 2)?, shape("goals", 3)?);
+        let (count, picture) = (observations[0], &observations[1..]);
+        let pixels = picture[0].checked_mul(picture[1]).unwrap_or_default();
+        ensure!(pixels > 0 && actions[1] > 0, "pictures or actions without numbers");
+        ensure!(
+            shape("next_observations", 3)? == observations && actions[0] == count && shape("goal_index", 1)? == [count],
+            "tensors of different lengths"
+        );
+        ensure!(&goals[1..] == picture, "goal images of another size");
+        let goal_index = tensors.u32("goal_index")?;
+        ensure!(goal_index.iter().all(|&goal| (goal as usize) < goals[0]), "a goal index without a goal image");
         Ok(Self {
-            picture: (shape[1], shape[2]),
+            picture: (picture[0], picture[1]),
             action_dim: actions[1],
             observations: tensors.u8("observations")?,
             actions: tensors.f32("actions")?,
             next_observations: tensors.u8("next_observations")?,
             goals: tensors.u8("goals")?,
-            goal_index: tensors.u32("goal_index")?,
+            goal_index,
         })
     }
 }

@@ -1,6 +1,8 @@
 //! L_reg(E, E_-, pi, x) = KL((pi∘E)(·|x) || mu(·|x)) with mu = pi∘E_-: keeps a new encoder close to the old one (paper,
 //! equation "PI-observation").
 
+use std::sync::{Mutex, PoisonError};
+
 use super::agent::{Agent, log_sigma_is_free};
 use crate::nn::{Real as _, mlp::Pass};
 
@@ -12,6 +14,23 @@ pub struct PolicyRegularizer<'a> {
     goals: Vec<f32>,
     /// mu's Gaussian at every transition's x.
     old: Vec<f32>,
+    /// Buffers that no thread uses right now; there are as many as threads have asked at once.
+    idle: Mutex<Vec<Buffers>>,
+}
+
+/// Buffers for one transition.
+#[derive(Debug)]
+struct Buffers {
+    input: Vec<f32>,
+    d_input: Vec<f32>,
+    pass: Pass<f32, 3>,
+}
+
+impl Buffers {
+    fn new(agent: &Agent) -> Self {
+        let room = || vec![0.0; 2 * agent.latent];
+        Self { input: room(), d_input: room(), pass: Pass::new(&agent.nets.actor.1, 1, 1) }
+    }
 }
 
 impl<'a> PolicyRegularizer<'a> {
@@ -24,19 +43,30 @@ impl<'a> PolicyRegularizer<'a> {
             agent.input(z, goal, input);
         }
         let goals = inputs.chunks_exact(2 * n).flat_map(|input| &input[n..]).copied().collect();
-        Self { agent, goals, old: agent.gaussians(&agent.acting, &inputs) }
+        Self { agent, goals, old: agent.gaussians(&agent.acting, &inputs), idle: Mutex::default() }
+    }
+
+    fn idle(&self) -> std::sync::MutexGuard<'_, Vec<Buffers>> {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// L_reg of a transition at the code z; adds `weight` times its gradient to `d_z`.
     pub fn at(&self, transition: usize, z: &[f32], weight: f32, d_z: &mut [f32]) -> f32 {
+        let taken = self.idle().pop();
+        let mut buffers = taken.unwrap_or_else(|| Buffers::new(self.agent));
+        let value = self.with(&mut buffers, transition, z, weight, d_z);
+        self.idle().push(buffers);
+        value
+    }
+
+    fn with(&self, buffers: &mut Buffers, transition: usize, z: &[f32], weight: f32, d_z: &mut [f32]) -> f32 {
         let (n, a) = (self.agent.latent, self.agent.action);
         let net = &self.agent.nets.actor.1;
-        let mut input = vec![0.0; 2 * n];
+        let Buffers { input, d_input, pass } = buffers;
         self.agent.whitening.apply(z, &mut input[..n]);
         input[n..].copy_from_slice(&self.goals[transition * n..][..n]);
-        let mut pass = Pass::new(net, 1, 1);
         let mut pass = pass.view(1);
-        net.forward(&self.agent.acting, &input, &mut pass);
+        net.forward(&self.agent.acting, input, &mut pass);
         let old = &self.old[transition * 2 * a..][..2 * a];
         let mut value = 0.0;
         for k in 0..a {
@@ -50,8 +80,7 @@ impl<'a> PolicyRegularizer<'a> {
             pass.delta[2][k] = weight * difference * inverse;
             pass.delta[2][a + k] = if free { weight * (ratio - 1.0) } else { 0.0 };
         }
-        let mut d_input = vec![0.0; 2 * n];
-        net.backward(&self.agent.acting, &mut pass, Some(&mut d_input));
+        net.backward(&self.agent.acting, &mut pass, Some(d_input));
         for k in 0..n {
             d_z[k] += d_input[k] * self.agent.whitening.inverse[k];
         }

@@ -81,6 +81,8 @@ pub struct Sac {
 
 /// Tuples of a batch (paper, Table "Hyper parameters for the SAC controller").
 pub const BATCH: usize = 128;
+/// Tuples that the buffer has room for from the start, so that steps do not allocate; untouched memory costs nothing.
+const RESERVED: usize = 1 << 20;
 /// Rollouts stay within the data's box, enlarged by this share on every side.
 const BOX_MARGIN: f32 = 0.2;
 
@@ -251,7 +253,8 @@ impl<'a> SacTrainer<'a> {
             (*low, *high) = (*low - margin, *high + margin);
         }
         let width = 3 * n + agent.action;
-        let buffer = Buffer { columns: Vec::new(), width, capacity: settings.buffer, next: 0 };
+        let columns = Vec::with_capacity(settings.buffer.min(RESERVED) * width);
+        let buffer = Buffer { columns, width, capacity: settings.buffer, next: 0 };
         let scratch = Scratch::new(&agent, model, settings.rollout);
         Self { agent, model, codes, settings, low, high, buffer, scratch }
     }
@@ -590,3 +593,6 @@ impl RollOut<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -168,3 +168,6 @@ impl Backward {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -30,8 +30,8 @@ impl MapProbe {
         }
     }
 
-    /// The map of a model.
-    pub fn map(&self, model: &LceModel) -> LatentMap {
+    /// The map of a model, which holds true positions: for the stage that exports them alone.
+    pub(super) fn map(&self, model: &LceModel) -> LatentMap {
         let latent = model.sizes.latent;
         let codes = model.encode_means(&model.pictures(&self.frames));
         let goals = model.encode_means(&model.pictures(&self.goals));
@@ -39,11 +39,9 @@ impl MapProbe {
         LatentMap { latent, grid: self.grid.clone(), places: self.places.clone(), codes, goals, quality }
     }
 
-    /// Records the map of a model; gives its quality.
-    pub fn record(&self, model: &LceModel, record: &mut Recorder, at: At) -> f64 {
-        let map = self.map(model);
-        write(&map, record, at);
-        map.quality
+    /// Records the map of a model, and gives nothing back: true positions enter its quality.
+    pub fn record(&self, model: &LceModel, record: &mut Recorder, at: At) {
+        write(&self.map(model), record, at);
     }
 }
 

@@ -1,0 +1,304 @@
+use rand::SeedableRng as _;
+
+use super::*;
+use crate::{
+    control::agent::Whitening,
+    lce::{Sizes, model::Nets},
+};
+
+/// How far one unit of action moves the code in the known dynamics.
+const STRIDE: f32 = 0.4;
+const LOG_SIGMA: f32 = -4.0;
+
+/// A model whose dynamics are z' = z + STRIDE u, with a little noise: relu(u) - relu(-u) is u.
+fn known_model() -> LceModel {
+    let sizes = Sizes {
+        pixels: 1,
+        latent: 2,
+        action: 2,
+        encoder: [1, 1],
+        decoder: [1, 1],
+        dynamics: [4, 4],
+        backward: [1, 1, 1, 1],
+    };
+    let nets = Nets::new(&sizes);
+    let mut arena = vec![0.0; nets.layout.len];
+    let [first, second, last] = nets.dynamics.layers;
+    let mut set = |layer: crate::nn::mlp::Linear, row: usize, column: usize, value: f32| {
+        layer.w_b_mut(&mut arena).0[column * layer.n_out + row] = value;
+    };
+    for k in 0..2 {
+        for (half, sign) in [1.0, -1.0].into_iter().enumerate() {
+            let unit = 2 * k + half;
+            set(first, unit, 2 + k, sign);
+            set(second, unit, unit, 1.0);
+            set(last, k, unit, sign * STRIDE);
+        }
+    }
+    last.w_b_mut(&mut arena).1[2..].fill(LOG_SIGMA);
+    LceModel { sizes, nets, arena, background: vec![0] }
+}
+
+fn settings() -> Sac {
+    Sac {
+        discount: 0.9,
+        rollout: 4,
+        bootstrap: false,
+        target_rate: 0.05,
+        acting_rate: 0.05,
+        actor_learning_rate: 1e-3,
+        critic_learning_rate: 2e-3,
+        temperature: Temperature::Tuned,
+        temperature_learning_rate: 1e-3,
+        reward: Reward::Distance,
+        relabel: 0.0,
+        critic_actions: CriticActions::Uniform,
+        buffer: 100_000,
+    }
+}
+
+/// Codes all over a square, with one goal in it.
+fn codes() -> Codes {
+    let mut rng = Rng::seed_from_u64(1);
+    let mut code = || [noise::uniform(&mut rng, -2.0, 2.0), noise::uniform(&mut rng, -2.0, 2.0)];
+    let data = (0..300)
+        .flat_map(|_| {
+            let [a, b] = code();
+            [a, b, LOG_SIGMA, LOG_SIGMA]
+        })
+        .collect();
+    Codes { data, actions: vec![0.5; 600], goals: vec![1.2, -0.7] }
+}
+
+fn agent() -> Agent {
+    let whitening = Whitening { mean: vec![0.1, -0.1], inverse: vec![0.9, 1.1] };
+    Agent::new(2, 2, whitening, -1.0, &mut Rng::seed_from_u64(2))
+}
+
+/// A trainer with a batch in its buffers and its networks as they were: a step of size zero.
+fn at_rest<'a>(model: &'a LceModel, codes: &'a Codes, settings: Sac) -> SacTrainer<'a> {
+    let mut trainer = SacTrainer::new(agent(), model, codes, Sac { temperature: Temperature::Fixed, ..settings });
+    trainer.step(1, 0.0, &mut Rng::seed_from_u64(3));
+    trainer
+}
+
+/// Compares a gradient in single precision with differences of the loss along it, along its projections on single
+/// layers, and along single parameters.
+fn check(
+    what: &str,
+    layers: &[(String, crate::nn::mlp::Linear)],
+    gradient: &[f32],
+    mut loss: impl FnMut(&[(usize, f32)]) -> f64,
+) {
+    let mut along = |what: &str, entries: Vec<usize>, h: f64| {
+        let norm = entries.iter().map(|&i| f64::from(gradient[i]).powi(2)).sum::<f64>().sqrt();
+        assert!(norm > 1e-6, "{what}: no gradient");
+        let moved = |step: f64| -> Vec<(usize, f32)> {
+            entries.iter().map(|&i| (i, (step * f64::from(gradient[i]) / norm) as f32)).collect()
+        };
+        let slope = (loss(&moved(h)) - loss(&moved(-h))) / (2.0 * h);
+        assert!((slope - norm).abs() < 0.02 * norm, "{what}: the gradient says {norm}, differences say {slope}");
+    };
+    along(what, (0..gradient.len()).collect(), 3e-3);
+    for (name, layer) in layers {
+        along(&format!("{what}: {name}"), (layer.at..layer.at + layer.len()).collect(), 3e-3);
+        let biases = layer.at + layer.n_in * layer.n_out..layer.at + layer.len();
+        let steepest = biases.max_by(|&i, &j| gradient[i].abs().total_cmp(&gradient[j].abs()));
+        along(&format!("{what}: a bias of {name}"), steepest.into_iter().collect(), 1e-2);
+    }
+}
+
+#[test]
+fn the_actors_gradient_equals_finite_differences() {
+    let (model, codes) = (known_model(), codes());
+    let mut trainer = at_rest(&model, &codes, settings());
+    let layers = trainer.agent.nets.actor.0.layers.clone();
+    let start = trainer.agent.actor.arena.clone();
+    trainer.update_actor(1, 0.0);
+    let gradient = trainer.scratch.actor_gradient.clone();
+    assert!(trainer.agent.actor.arena == start, "a step of size zero moves nothing");
+    check("actor", &layers, &gradient, |moves| {
+        trainer.agent.actor.arena.clone_from(&start);
+        for (i, step) in moves {
+            trainer.agent.actor.arena[*i] += step;
+        }
+        trainer.update_actor(1, 0.0).0
+    });
+}
+
+#[test]
+fn the_critics_gradients_equal_finite_differences() {
+    let (model, codes) = (known_model(), codes());
+    let mut trainer = at_rest(&model, &codes, settings());
+    let layers = trainer.agent.nets.critic.0.layers.clone();
+    trainer.update_critics(1, 0.0);
+    for which in 0..2 {
+        let start = trainer.agent.critics[which].arena.clone();
+        let gradient = trainer.scratch.critic_gradients[which].clone();
+        check(&format!("critic {which}"), &layers, &gradient, |moves| {
+            trainer.agent.critics[which].arena.clone_from(&start);
+            for (i, step) in moves {
+                trainer.agent.critics[which].arena[*i] += step;
+            }
+            // The step reports the mean of both critics' losses.
+            2.0 * trainer.update_critics(1, 0.0)
+        });
+        trainer.agent.critics[which].arena.clone_from(&start);
+    }
+}
+
+#[test]
+fn a_regression_of_the_critics_on_fixed_targets_lowers_their_loss() {
+    let (model, codes) = (known_model(), codes());
+    let mut trainer = at_rest(&model, &codes, settings());
+    let losses: Vec<f64> = (0..30).map(|_| trainer.update_critics(1, 1.0)).collect();
+    assert!(losses[29] < 0.1 * losses[0], "{losses:?}");
+}
+
+/// Targets by the words of the algorithm, one sample at a time, in double precision.
+fn plain_target(trainer: &SacTrainer<'_>, sample: usize) -> f64 {
+    let (agent, settings) = (&trainer.agent, &trainer.settings);
+    let tuple = &trainer.scratch.tuples.data[sample * 8..][..8];
+    let goal: Vec<f64> = tuple[6..].iter().map(|&g| f64::from(g)).collect();
+    let reward = |action: &[f64], z: &[f64]| {
+        let squared: f64 = z.iter().zip(&goal).map(|(z, g)| (z - g).powi(2)).sum();
+        match settings.reward {
+            Reward::Distance => -squared.sqrt(),
+            Reward::Quadratic => -50.0 * squared - action.iter().map(|u| u * u).sum::<f64>(),
+        }
+    };
+    let whitened = |z: &[f64]| -> Vec<f32> {
+        let z: Vec<f32> = z.iter().map(|&z| z as f32).collect();
+        let mut input = vec![0.0; 4];
+        agent.input(&z, &tuple[6..], &mut input);
+        input
+    };
+    let alpha = f64::from(agent.temperature());
+    let first: Vec<f64> = tuple[2..4].iter().map(|&u| f64::from(u)).collect();
+    let mut z: Vec<f64> = tuple[4..6].iter().map(|&z| f64::from(z)).collect();
+    let mut target = reward(&first, &z);
+    for step in 0..settings.rollout + usize::from(settings.bootstrap) {
+        let discount = settings.discount.powi(step as i32 + 1);
+        let noise = &trainer.scratch.rollout_noise[(step * BATCH + sample) * 4..][..4];
+        let gaussian = agent.gaussians(&agent.actor.arena, &whitened(&z));
+        let mut action = vec![0.0; 2];
+        let mut log_pi = 0.0;
+        for k in 0..2 {
+            let (mu, log_sigma, epsilon) = (f64::from(gaussian[k]), f64::from(gaussian[2 + k]), f64::from(noise[k]));
+            action[k] = (mu + log_sigma.exp() * epsilon).tanh();
+            let density = -0.5 * epsilon * epsilon - log_sigma - 0.5 * std::f64::consts::TAU.ln();
+            log_pi += density - (1.0 - action[k] * action[k]).ln();
+        }
+        target -= discount * alpha * log_pi;
+        if step == settings.rollout {
+            let mut input = whitened(&z);
+            input.extend(action.iter().map(|&u| u as f32));
+            let values = [0, 1].map(|i: usize| {
+                let net = &agent.nets.critic.1;
+                let mut pass = Pass::new(net, 1, 1);
+                net.forward(&agent.targets[i], &input, &mut pass.view(1));
+                f64::from(pass.output()[0])
+            });
+            return target + discount * values[0].min(values[1]);
+        }
+        for k in 0..2 {
+            let moved = z[k] + f64::from(STRIDE) * action[k] + f64::from(LOG_SIGMA).exp() * f64::from(noise[2 + k]);
+            z[k] = moved.clamp(f64::from(trainer.low[k]), f64::from(trainer.high[k]));
+        }
+        target += discount * reward(&action, &z);
+    }
+    target
+}
+
+#[test]
+fn targets_are_those_of_the_algorithm_written_out() {
+    let (model, codes) = (known_model(), codes());
+    for (bootstrap, reward, rollout) in [
+        (false, Reward::Distance, 4),
+        (true, Reward::Distance, 3),
+        (true, Reward::Quadratic, 0),
+        (false, Reward::Quadratic, 2),
+    ] {
+        let trainer = at_rest(&model, &codes, Sac { bootstrap, reward, rollout, ..settings() });
+        for sample in 0..BATCH {
+            let (got, want) = (f64::from(trainer.scratch.targets[sample]), plain_target(&trainer, sample));
+            let near = (got - want).abs() < 1e-4 * want.abs().max(1.0);
+            assert!(near, "{bootstrap} {reward:?} {rollout}, sample {sample}: {got} is not {want}");
+        }
+    }
+}
+
+/// Mean distance to the goal after ten mean actions of the acting policy, under the true dynamics.
+fn distance_after_ten_actions(agent: &Agent, codes: &Codes) -> f32 {
+    let mut z: Vec<f32> = codes.data.chunks_exact(4).flat_map(|code| &code[..2]).copied().collect();
+    let goals: Vec<f32> = codes.goals.iter().copied().cycle().take(z.len()).collect();
+    for _ in 0..10 {
+        let actions = agent.act(&z, &goals, None);
+        z.iter_mut().zip(&actions).for_each(|(z, u)| *z += STRIDE * u);
+    }
+    let squared =
+        z.chunks_exact(2).zip(goals.chunks_exact(2)).map(|(z, g)| (z[0] - g[0]).powi(2) + (z[1] - g[1]).powi(2));
+    squared.map(f32::sqrt).sum::<f32>() / (z.len() / 2) as f32
+}
+
+#[test]
+fn updates_under_known_dynamics_learn_to_reach_the_goal() {
+    let (model, codes) = (known_model(), codes());
+    let before = distance_after_ten_actions(&agent(), &codes);
+    let mut trainer = SacTrainer::new(agent(), &model, &codes, settings());
+    let mut rng = Rng::seed_from_u64(4);
+    let values: Vec<f64> = (0..150).map(|_| trainer.step(1, 1.0, &mut rng).value).collect();
+    let after = distance_after_ten_actions(&trainer.agent, &codes);
+    assert!(before > 1.2 && after < 0.5 * before, "distance {before} -> {after}");
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    assert!(
+        mean(&values[130..]) > mean(&values[..20]) + 0.5,
+        "value {} -> {}",
+        mean(&values[..20]),
+        mean(&values[130..])
+    );
+}
+
+#[test]
+fn the_temperature_moves_entropy_towards_its_target() {
+    let (model, codes) = (known_model(), codes());
+    let mut trainer = at_rest(&model, &codes, settings());
+    let alpha_after = |trainer: &mut SacTrainer<'_>, entropy: f64| {
+        let before = trainer.agent.temperature();
+        trainer.update_temperature(entropy);
+        trainer.agent.temperature() / before
+    };
+    // The target is minus the number of action components, -2.
+    trainer.settings.temperature = Temperature::Tuned;
+    assert!(alpha_after(&mut trainer, -3.0) > 1.0, "too little entropy raises alpha");
+    trainer.agent.log_alpha.adam = crate::nn::adam::Adam::new(1);
+    assert!(alpha_after(&mut trainer, -1.0) < 1.0, "too much entropy lowers alpha");
+    trainer.settings.temperature = Temperature::Fixed;
+    assert_eq!(alpha_after(&mut trainer, -3.0), 1.0);
+    trainer.settings.temperature = Temperature::Decayed;
+    assert!((f64::from(alpha_after(&mut trainer, -3.0)) - 0.99995).abs() < 1e-6);
+}
+
+#[test]
+fn the_buffer_forgets_the_oldest_first() {
+    let mut buffer = Buffer { columns: Vec::new(), width: 2, capacity: 3, next: 0 };
+    for i in 0..5 {
+        buffer.push(&[i as f32, -(i as f32)]);
+    }
+    let mut firsts: Vec<f32> = buffer.columns.iter().step_by(2).copied().collect();
+    firsts.sort_by(f32::total_cmp);
+    assert_eq!(firsts, [2.0, 3.0, 4.0]);
+}
+
+#[test]
+fn slow_networks_move_by_their_share_and_targets_stay_without_a_bootstrap() {
+    let (model, codes) = (known_model(), codes());
+    for bootstrap in [false, true] {
+        let mut trainer = SacTrainer::new(agent(), &model, &codes, Sac { bootstrap, acting_rate: 1.0, ..settings() });
+        let targets = trainer.agent.targets.clone();
+        trainer.step(1, 1.0, &mut Rng::seed_from_u64(5));
+        let near = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
+        assert!(near(&trainer.agent.acting, &trainer.agent.actor.arena));
+        assert_eq!(trainer.agent.targets == targets, !bootstrap);
+    }
+}

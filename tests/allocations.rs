@@ -1,0 +1,226 @@
+//! Hot loops allocate nothing: after one call of each kind, training steps at the paper's sizes ask for no memory.
+//!
+//! Counted on the calling thread, with one thread of work. `CARL_SHOW_ALLOCATIONS=1` prints where the first few come
+//! from.
+#![allow(unsafe_code, reason = "a global allocator is unsafe by contract")]
+
+use std::{
+    alloc::{GlobalAlloc, Layout, System},
+    backtrace::Backtrace,
+    cell::Cell,
+};
+
+use carl_pipe::{
+    artifact::Transitions,
+    control::{
+        Agent,
+        agent::Whitening,
+        regularizer::PolicyRegularizer,
+        sac::{self, Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
+    },
+    env::{Environment as _, Planar},
+    lce::{
+        LceModel, Sizes,
+        model::background,
+        objective::Weights,
+        trainer::{self, Data, Objective, Trainer},
+        warm_up::WarmUp,
+    },
+    nn::{
+        adam::{Adam, AdamSettings},
+        mat,
+    },
+    rng::Rng,
+};
+use rand::SeedableRng as _;
+
+struct Counting;
+
+/// What one piece of work asked the allocator for.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+struct Asked {
+    times: usize,
+    bytes: usize,
+}
+
+thread_local! {
+    static COUNTS: Cell<bool> = const { Cell::new(false) };
+    static ASKED: Cell<Asked> = const { Cell::new(Asked { times: 0, bytes: 0 }) };
+    static SHOWN: Cell<usize> = const { Cell::new(0) };
+}
+
+fn note(bytes: usize) {
+    if !COUNTS.get() {
+        return;
+    }
+    let Asked { times, bytes: before } = ASKED.get();
+    ASKED.set(Asked { times: times + 1, bytes: before + bytes });
+    if SHOWN.get() > 0 {
+        COUNTS.set(false);
+        SHOWN.set(SHOWN.get() - 1);
+        eprintln!("{bytes} bytes:\n{}", Backtrace::force_capture());
+        COUNTS.set(true);
+    }
+}
+
+// SAFETY: every call goes to the system's allocator as it came; counting touches only plain cells of the thread.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        note(layout.size());
+        // SAFETY: the caller's layout, unchanged.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        note(layout.size());
+        // SAFETY: the caller's layout, unchanged.
+        unsafe { System.alloc_zeroed(layout) }
+    }
+
+    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        note(size);
+        // SAFETY: the caller's memory and layout, unchanged.
+        unsafe { System.realloc(memory, layout, size) }
+    }
+
+    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
+        // SAFETY: the caller's memory and layout, unchanged.
+        unsafe { System.dealloc(memory, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// What `work` asks for on this thread.
+fn asked(work: impl FnOnce()) -> Asked {
+    ASKED.set(Asked::default());
+    SHOWN.set(if std::env::var_os("CARL_SHOW_ALLOCATIONS").is_some() { 3 } else { 0 });
+    COUNTS.set(true);
+    work();
+    COUNTS.set(false);
+    ASKED.get()
+}
+
+const NOTHING: Asked = Asked { times: 0, bytes: 0 };
+
+/// Transitions of random walks in the planar system.
+fn transitions(samples: usize) -> Transitions {
+    let planar = Planar { noise: 0.0 };
+    let mut rng = Rng::seed_from_u64(1);
+    let mut transitions = Transitions { picture: planar.picture_size(), action_dim: 2, ..Transitions::default() };
+    for _ in 0..samples {
+        let (state, action) = (planar.sample_state(&mut rng), planar.sample_action(&mut rng));
+        let next = planar.step(&state, &action, &mut rng);
+        let scaled: Vec<f32> = action.iter().map(|u| (u / 3.0) as f32).collect();
+        transitions.push(&planar.picture(&state), &scaled, &planar.picture(&next), 0);
+    }
+    transitions
+}
+
+fn model_and_data() -> (LceModel, Data) {
+    let transitions = transitions(2 * trainer::BATCH);
+    let background = background(&transitions.frames(), transitions.pixels());
+    let model = LceModel::new(Sizes::planar(), background, &mut Rng::seed_from_u64(2));
+    let data = transitions.data(&model);
+    (model, data)
+}
+
+#[test]
+fn the_counter_counts() {
+    let one = asked(|| drop(std::hint::black_box(Vec::<u8>::with_capacity(77))));
+    assert_eq!(one, Asked { times: 1, bytes: 77 });
+}
+
+/// faer packs large factors into one buffer for each thread, which it sets up at the thread's first product of that
+/// size: twice the third-level cache, of which only what is used becomes real memory (private-gemm-x86, `MEM`).
+#[test]
+fn large_products_allocate_once_for_each_thread_and_small_ones_never() {
+    let of_shape = |(m, k, n): (usize, usize, usize)| {
+        let (w, x, mut out) = (vec![0.5_f32; m * k], vec![0.5; k * n], vec![0.0; m * n]);
+        asked(|| mat::product(&mut out, mat::Into::Replace, &w, &x, (m, k, n)))
+    };
+    let work = move || {
+        let small = of_shape((20, 4, 16));
+        let first = of_shape((300, 300, 256));
+        (small, first, [(1600, 300, 384), (256, 256, 128), (300, 300, 256), (20, 4, 256)].map(of_shape))
+    };
+    let (small, first, later) = std::thread::spawn(work).join().expect("a thread");
+    assert_eq!(small, NOTHING);
+    assert!(first.times <= 2, "{first:?}");
+    assert_eq!(later, [NOTHING; 4]);
+}
+
+#[test]
+fn a_training_step_of_the_representation_allocates_nothing() {
+    let (model, data) = model_and_data();
+    let adam = Adam::new(model.arena.len());
+    let mut trainer = Trainer::new(model, adam, AdamSettings { learning_rate: 5e-4, weight_decay: 1e-3 });
+    let warm_up = WarmUp { sigma: 0.3, scale: 1.0, anchor: 30.0, outlier: 3.0, shrink: 0.01 };
+    let guidance = vec![0.5; data.len()];
+    let objective = Objective {
+        weights: Weights {
+            reconstruction: 1.0,
+            consistency: 8.0,
+            curvature: 1.0,
+            encode_decode: 0.01,
+            prior: 0.01,
+            deterministic: 0.3,
+            regularizer: 0.1,
+            anchor: 3.0,
+        },
+        curvature_sigma: 0.1,
+        anchor_scale: 1.0,
+        guidance: Some(&guidance),
+        regularizer: None,
+    };
+    // L_reg against a frozen policy, as the stage puts it together.
+    let agent = Agent::new(2, 2, Whitening::identity(2), 0.0, &mut Rng::seed_from_u64(7));
+    let codes: Vec<f32> = (0..2 * data.len()).map(|i| (i % 9) as f32 * 0.1).collect();
+    let l_reg = PolicyRegularizer::new(&agent, &codes, &codes);
+    let l_reg = |transition: usize, z: &[f32], weight: f32, d_z: &mut [f32]| l_reg.at(transition, z, weight, d_z);
+    let objective = Objective { regularizer: Some(&l_reg), ..objective };
+    let mut rng = Rng::seed_from_u64(3);
+    let which: Vec<u32> = (0..data.len() as u32).collect();
+    let (first, second) = which.split_at(trainer::BATCH);
+    trainer.warm_up_step(1, &data, first, &warm_up, &mut rng);
+    trainer.step(1, &data, first, &objective, &mut rng);
+    // The last batch of an epoch is smaller than the others.
+    for which in [second, first, &second[..37]] {
+        let of_warm_up = asked(|| _ = trainer.warm_up_step(1, &data, which, &warm_up, &mut rng));
+        let of_step = asked(|| _ = trainer.step(1, &data, which, &objective, &mut rng));
+        assert_eq!((of_warm_up, of_step), (NOTHING, NOTHING), "{} samples", which.len());
+    }
+}
+
+#[test]
+fn a_training_step_of_the_agent_allocates_nothing() {
+    let (model, data) = model_and_data();
+    let actions = [&data.actions[..], &data.actions].concat();
+    let codes = Codes { data: model.encode(&data.pictures), actions, goals: vec![0.1, -0.2, 0.5, 0.5] };
+    let settings = Sac {
+        discount: 0.99,
+        rollout: 5,
+        bootstrap: true,
+        target_rate: 0.005,
+        acting_rate: 0.005,
+        actor_learning_rate: 5e-4,
+        critic_learning_rate: 1e-3,
+        temperature: Temperature::Tuned,
+        temperature_learning_rate: 1e-3,
+        reward: Reward::Distance,
+        relabel: 0.5,
+        critic_actions: CriticActions::Uniform,
+        // Full, and over, within the steps below.
+        buffer: 5 * sac::BATCH + 11,
+    };
+    for settings in [settings.clone(), Sac { buffer: 1_000_000, ..settings }] {
+        let agent = Agent::new(2, 2, Whitening::identity(2), 0.0, &mut Rng::seed_from_u64(4));
+        let mut trainer = SacTrainer::new(agent, &model, &codes, settings);
+        let mut rng = Rng::seed_from_u64(5);
+        trainer.step(1, 1.0, &mut rng);
+        for step in 0..7 {
+            assert_eq!(asked(|| _ = trainer.step(1, 1.0, &mut rng)), NOTHING, "step {step}");
+        }
+    }
+}

@@ -1,0 +1,52 @@
+//! What every kind of stage makes from tiny inputs, pinned by kind version: a change of results cannot pass unseen,
+//! because the store would go on serving the old ones.
+
+mod tiny;
+
+use std::collections::BTreeSet;
+
+use carl_pipe::stage;
+
+/// (artifact of the tiny chain, its kind, the kind's version, the digest's first 16 digits). On failure raise the
+/// versions that the message names and paste its lines.
+const PINNED: &[(&str, &str, u32, &str)] = &[
+    ("bootstrap", "generate_data", 1, "6226fbac14da9ea5"),
+    ("model", "train_lce", 1, "5e1e2aa18f68cc90"),
+    ("agent", "train_sac", 1, "439ae7794fa5eb25"),
+    ("collected", "collect", 1, "c6004e4027b4f0b1"),
+    ("next_model", "train_lce", 1, "caa4efbb14f1811a"),
+    ("distilled", "distill_policy", 1, "66c734bdf8deb0fc"),
+    ("next_agent", "train_sac", 1, "96f52be4b9b71b14"),
+    ("evaluation", "evaluate", 1, "d892c0989077a7f6"),
+    ("map", "export_latent_map", 1, "990e6c6ab2e66076"),
+];
+
+#[test]
+fn the_results_of_every_kind_are_those_of_its_version() {
+    let chain = tiny::Chain::run();
+    let (mut changed, mut wrong) = (BTreeSet::new(), Vec::new());
+    for (name, kind, inputs, files) in chain.all() {
+        let version = stage::kind(kind).expect("a kind").version;
+        let digest = &tiny::digest(files).hex()[..16];
+        if PINNED.contains(&(name, kind, version, digest)) {
+            continue;
+        }
+        changed.insert(name);
+        let line = format!("(\"{name}\", \"{kind}\", {version}, \"{digest}\"),");
+        let fed = inputs.iter().find(|input| changed.contains(*input));
+        let was_raised = !PINNED.iter().any(|pinned| pinned.1 == kind && pinned.2 == version);
+        wrong.push(match fed {
+            Some(input) => format!("`{name}` follows the change of `{input}`: pin {line}"),
+            None if was_raised => format!("{kind} has a new version: pin {line}"),
+            None => format!("results of {kind} changed: raise its VERSION and pin {digest}, as in {line}"),
+        });
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn every_kind_is_pinned() {
+    let pinned: BTreeSet<_> = PINNED.iter().map(|pinned| pinned.1).collect();
+    let kinds: BTreeSet<_> = stage::registry().iter().map(|kind| kind.name).collect();
+    assert_eq!(pinned, kinds);
+}
