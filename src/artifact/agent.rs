@@ -4,8 +4,7 @@ use anyhow::ensure;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Artifact, Files,
-    json,
+    Artifact, Files, json,
     lce_model::{check_widths, put_layers, take_layers},
     tensors::{TensorFile, Tensors, file},
 };
@@ -94,15 +93,21 @@ impl Artifact for Agent {
         let log_alpha = Trained { arena: agent.f32("log_alpha")?, adam };
         let whitening = Whitening { mean: agent.f32("whitening/mean")?, inverse: agent.f32("whitening/inverse")? };
         let Adam { m, v, .. } = &log_alpha.adam;
-        for (tensor, length) in [
-            (&whitening.mean, about.latent),
-            (&whitening.inverse, about.latent),
-            (&log_alpha.arena, 1),
-            (m, 1),
-            (v, 1),
-        ] {
+        for (tensor, length) in
+            [(&whitening.mean, about.latent), (&whitening.inverse, about.latent), (&log_alpha.arena, 1), (m, 1), (v, 1)]
+        {
             ensure!(tensor.len() == length, "whitening or temperature of {} values, not {length}", tensor.len());
         }
-        Ok(Self { latent: about.latent, action: about.action, nets, actor, acting, critics, targets, log_alpha, whitening })
+        Ok(Self {
+            latent: about.latent,
+            action: about.action,
+            nets,
+            actor,
+            acting,
+            critics,
+            targets,
+            log_alpha,
+            whitening,
+        })
     }
 }

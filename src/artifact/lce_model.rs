@@ -80,7 +80,9 @@ impl Artifact for TrainedModel {
     fn load(files: &Files) -> anyhow::Result<Self> {
         let About { sizes, adam_steps } = serde_json::from_slice(file(files, "model.json")?)?;
         let Sizes { pixels, latent, action, encoder, decoder, dynamics, backward } = &sizes;
-        check_widths([pixels, latent, action].into_iter().chain(encoder).chain(decoder).chain(dynamics).chain(backward))?;
+        check_widths(
+            [pixels, latent, action].into_iter().chain(encoder).chain(decoder).chain(dynamics).chain(backward),
+        )?;
         let nets = Nets::new(&sizes);
         let tensors = TensorFile::open(file(files, "model.safetensors")?)?;
         let optimizer = TensorFile::open(file(files, "optimizer.safetensors")?)?;

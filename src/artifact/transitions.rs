@@ -95,7 +95,11 @@ impl Artifact for Transitions {
             .u8("observations", &[count, height, width], &self.observations)
             .f32("actions", &[count, self.action_dim], &self.actions)
             .u8("next_observations", &[count, height, width], &self.next_observations)
-            .u8("goals", &[self.goals.len().checked_div(height * width).unwrap_or_default(), height, width], &self.goals)
+            .u8(
+                "goals",
+                &[self.goals.len().checked_div(height * width).unwrap_or_default(), height, width],
+                &self.goals,
+            )
             .u32("goal_index", &[count], &self.goal_index);
         Ok(Files::from([(FILE.to_owned(), tensors.bytes()?)]))
     }

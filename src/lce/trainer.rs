@@ -109,7 +109,9 @@ impl<T: Real> Trainer<T> {
     }
 
     /// EXPERIMENT
-    pub fn set_rate(&mut self, r: f64) { self.settings.learning_rate = r; }
+    pub fn set_rate(&mut self, r: f64) {
+        self.settings.learning_rate = r;
+    }
 
     /// One step of the warm-up on the transitions `which`.
     pub fn warm_up_step(
