@@ -98,7 +98,7 @@ fn threads_change_no_bit_of_the_representation() {
             let mut rng = Rng::seed_from_u64(3);
             let mut terms = Vec::new();
             for which in &batches {
-                let warm = trainer.warm_up_step(threads, &data, which, &warm_up, &mut rng);
+                let warm = trainer.warm_up_step(threads, &data, which, &warm_up, true, &mut rng);
                 let after_warm_up = bits(&trainer.model.arena);
                 terms.push((warm, trainer.step(threads, &data, which, &objective, &mut rng), after_warm_up));
             }

@@ -280,7 +280,13 @@ fn the_gradient_of_the_whole_warm_up_equals_finite_differences() {
             let model = LceModel { arena: arena.to_vec(), ..case.model.clone() };
             let mut workspace = WarmUpWorkspace::new(&model, SAMPLES);
             let noise = &case.noise[..SAMPLES * 2 * latent];
-            let batch = WarmUpBatch { pictures: &case.pictures, pairs: &case.pairs, actions: &case.actions, noise };
+            let batch = WarmUpBatch {
+                pictures: &case.pictures,
+                pairs: &case.pairs,
+                actions: &case.actions,
+                noise,
+                decode: true,
+            };
             let terms = workspace.step(1, &model, &settings, &batch);
             // What the terms leave out: the pull of codes towards zero and of the encoder's noise towards sigma.
             let codes = model.encode(&case.pictures);

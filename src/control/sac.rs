@@ -83,6 +83,8 @@ pub struct Sac {
 pub const BATCH: usize = 128;
 /// Tuples that the buffer has room for from the start, so that steps do not allocate; untouched memory costs nothing.
 const RESERVED: usize = 1 << 20;
+/// -ln 0.99995.
+const TEMPERATURE_DECAY: f32 = 5.000_125e-5;
 /// Rollouts stay within the data's box, enlarged by this share on every side.
 const BOX_MARGIN: f32 = 0.2;
 
@@ -465,7 +467,7 @@ impl<'a> SacTrainer<'a> {
     fn update_temperature(&mut self, entropy: f64) {
         match self.settings.temperature {
             Temperature::Fixed => {}
-            Temperature::Decayed => self.agent.log_alpha.arena[0] += 0.99995_f64.ln() as f32,
+            Temperature::Decayed => self.agent.log_alpha.arena[0] -= TEMPERATURE_DECAY,
             Temperature::Tuned => {
                 let gradient = [(entropy + self.agent.action as f64) as f32];
                 let learning_rate = self.settings.temperature_learning_rate;

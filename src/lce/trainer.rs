@@ -108,23 +108,24 @@ impl<T: Real> Trainer<T> {
         Self { model, adam, settings, workspace, warm_up, batch: Gathered::default() }
     }
 
-    /// EXPERIMENT
-    pub fn set_rate(&mut self, r: f64) {
-        self.settings.learning_rate = r;
+    /// Changes the optimiser's step size.
+    pub fn set_learning_rate(&mut self, learning_rate: f64) {
+        self.settings.learning_rate = learning_rate;
     }
 
-    /// One step of the warm-up on the transitions `which`.
+    /// One step of the warm-up on the transitions `which`, with or without decoding pictures.
     pub fn warm_up_step(
         &mut self,
         threads: usize,
         data: &Data<T>,
         which: &[u32],
         settings: &WarmUp,
+        decode: bool,
         rng: &mut Rng,
     ) -> WarmUpTerms {
         self.batch.gather(data, which, 2 * self.model.sizes.latent, rng);
         let Gathered { pairs, actions, noise, .. } = &self.batch;
-        let batch = WarmUpBatch { pictures: &data.pictures, pairs, actions, noise };
+        let batch = WarmUpBatch { pictures: &data.pictures, pairs, actions, noise, decode };
         let terms = self.warm_up.step(threads, &self.model, settings, &batch);
         self.adam.step(threads, self.settings, &mut self.model.arena, self.warm_up.gradient());
         terms

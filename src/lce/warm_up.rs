@@ -54,6 +54,8 @@ pub struct WarmUpBatch<'a, T> {
     pub actions: &'a [T],
     /// Standard normal noise, two codes for every sample.
     pub noise: &'a [T],
+    /// Whether pictures are decoded. Without it only the geometry is learned, several times as fast.
+    pub decode: bool,
 }
 
 /// Buffers for batches up to a size; a step allocates nothing.
@@ -155,7 +157,12 @@ impl<T: Real> WarmUpWorkspace<T> {
         let place = Place { stride: first.n_out, offset: 0 };
         batch.pictures.gradient(threads, first, &mut gradient, batch.pairs, c.encoder.delta[0], place);
         nets.encoder.gradient_from_second(threads, &mut gradient, Into::Replace, &c.encoder);
-        nets.decoder.gradient(threads, &mut gradient, Into::Replace, c.decoder_input.data, &c.decoder);
+        if batch.decode {
+            nets.decoder.gradient(threads, &mut gradient, Into::Replace, c.decoder_input.data, &c.decoder);
+        } else {
+            let [first, .., last] = nets.decoder.layers;
+            gradient[first.at..last.at + last.len()].fill(T::nil());
+        }
         nets.dynamics.gradient(1, &mut gradient, Into::Replace, c.dynamics_input.data, &c.dynamics);
         self.gradient = gradient;
     }
@@ -181,8 +188,14 @@ impl<T: Real> Run<'_, T> {
     fn pass(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let (nets, arena) = (&self.model.nets, &self.model.arena[..]);
         self.forward(first, samples, c);
-        self.reconstruct(first, samples, c);
-        nets.decoder.backward(arena, &mut c.decoder, Some(c.d_decoder_input.data));
+        if self.batch.decode {
+            nets.decoder.forward(arena, c.decoder_input.data, &mut c.decoder);
+            self.reconstruct(first, samples, c);
+            nets.decoder.backward(arena, &mut c.decoder, Some(c.d_decoder_input.data));
+        } else {
+            c.d_decoder_input.data.fill(T::nil());
+            c.terms.data.fill(T::nil());
+        }
         self.backward(first, samples, c);
         nets.encoder.backward(arena, &mut c.encoder, None);
     }
@@ -214,7 +227,6 @@ impl<T: Real> Run<'_, T> {
                 decoded[n + k] = sigma.fma(noise[n + k], predicted[k]);
             }
         }
-        nets.decoder.forward(arena, c.decoder_input.data, &mut c.decoder);
     }
 
     #[inline(always)]
@@ -263,7 +275,7 @@ impl<T: Real> Run<'_, T> {
             }
             let action = &self.batch.actions[(first + i) * a..][..a];
             c.terms.of(i)[3] = robust_anchor(n, action, s, codes, self.mean, d_codes);
-            let target = T::of(s.sigma.ln());
+            let target = T::of(s.sigma).log();
             for (code, d_code) in codes.chunks_exact(2 * n).zip(d_codes.chunks_exact_mut(2 * n)) {
                 for k in 0..n {
                     let shrink = T::of(2.0 * s.shrink) * self.mean;

@@ -62,6 +62,8 @@ pub(super) struct Params {
     epochs: u64,
     /// Of these, passes with the anchored warm-up; none after a `warm_start`.
     warm_up_epochs: u64,
+    /// Of the warm-up, passes at its beginning that learn the geometry alone: no pictures are decoded.
+    anchor_epochs: u64,
     /// Of these, passes over which consistency grows from `ramp_from` to its full weight; none after a `warm_start`.
     ramp_epochs: u64,
     /// Share of the consistency at the beginning of the ramp.
@@ -72,8 +74,10 @@ pub(super) struct Params {
     lambda: Lambda,
     /// Standard deviation of the curvature's noise.
     curvature_sigma: f64,
-    /// Adam step size.
+    /// Adam step size; the paper's.
     learning_rate: f64,
+    /// Adam step size of the warm-up.
+    warm_up_learning_rate: f64,
     /// L2 coefficient.
     weight_decay: f64,
     /// Epochs between two recorded latent maps.
@@ -100,13 +104,15 @@ impl Default for Params {
         Self {
             objective: LossName::Carl,
             epochs: 15,
-            warm_up_epochs: 200,
-            ramp_epochs: 150,
+            warm_up_epochs: 300,
+            anchor_epochs: 100,
+            ramp_epochs: 100,
             ramp_from: 0.02,
             warm_up: WarmUp { sigma: 0.3, scale: 1.0, anchor: 30.0, outlier: 3.0, shrink: 0.01 },
             lambda: Lambda::default(),
             curvature_sigma: 0.1,
             learning_rate: 5e-4,
+            warm_up_learning_rate: 2e-3,
             weight_decay: 1e-3,
             map_every: 10,
         }
@@ -151,6 +157,7 @@ impl super::Params for Params {
         }
         for (path, value) in [
             ("learning_rate", self.learning_rate),
+            ("warm_up_learning_rate", self.warm_up_learning_rate),
             ("curvature_sigma", self.curvature_sigma),
             ("warm_up.sigma", self.warm_up.sigma),
             ("warm_up.scale", self.warm_up.scale),
@@ -189,10 +196,11 @@ impl Stage for TrainLce {
         let regularizer = l_reg(params, &inputs, &transitions);
         let start = inputs.warm_start.clone().map_or_else(|| fresh(&transitions, cx), Ok)?;
         let data = transitions.data(&start.model);
-        let settings = AdamSettings { learning_rate: params.learning_rate, weight_decay: params.weight_decay };
+        let warm_up_epochs = if is_warm { 0 } else { params.warm_up_epochs };
+        let learning_rate = if warm_up_epochs > 0 { params.warm_up_learning_rate } else { params.learning_rate };
+        let settings = AdamSettings { learning_rate, weight_decay: params.weight_decay };
         let mut trainer = Trainer::new(start.model, start.adam, settings);
         let probe = cx.map_probe();
-        let warm_up_epochs = if is_warm { 0 } else { params.warm_up_epochs };
         let ramp_epochs = if is_warm { 0 } else { params.ramp_epochs };
         let steps_of_epoch = data.len().div_ceil(BATCH) as u64;
         let mut step = 0;
@@ -200,11 +208,21 @@ impl Stage for TrainLce {
             let mut rng = cx.rng(("batches", epoch));
             let order = shuffled(data.len(), &mut rng);
             let mut loss = 0.0;
+            if epoch == warm_up_epochs {
+                trainer.set_learning_rate(params.learning_rate);
+            }
             for which in order.chunks(BATCH) {
                 let at = At::new(cx.round, epoch as u32, step);
                 let threads = cx.threads.get();
                 if epoch < warm_up_epochs {
-                    let terms = trainer.warm_up_step(threads, &data, which, &params.warm_up, &mut rng);
+                    let terms = trainer.warm_up_step(
+                        threads,
+                        &data,
+                        which,
+                        &params.warm_up,
+                        epoch >= params.anchor_epochs,
+                        &mut rng,
+                    );
                     cx.record.scalars(
                         topic::TRAIN_WARM_UP,
                         at,

@@ -11,6 +11,7 @@ use crate::{
         agent::Whitening,
         sac::{Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
     },
+    nn::Real as _,
     record::{At, topic},
 };
 
@@ -94,7 +95,6 @@ impl super::Params for Params {
 
     fn check(&self) -> Vec<Refusal> {
         let mut refusals = super::at_least_one("steps", self.steps);
-        refusals.extend(super::at_least_one("buffer", self.buffer));
         for (path, share) in [
             ("discount", self.discount),
             ("target_rate", self.target_rate),
@@ -112,6 +112,7 @@ impl super::Params for Params {
         ] {
             above_zero(&mut refusals, path, value);
         }
+        within(&mut refusals, "buffer", self.buffer as f64, 1.0, 1e9);
         within(&mut refusals, "rollout", self.rollout as f64, 0.0, 1000.0);
         refusals
     }
@@ -150,7 +151,7 @@ impl Stage for TrainSac {
             let n = model.sizes.latent;
             let means: Vec<f32> = codes.data.chunks_exact(2 * n).flat_map(|code| &code[..n]).copied().collect();
             let whitening = if params.whiten { Whitening::of(&means, n) } else { Whitening::identity(n) };
-            let log_alpha = params.first_temperature.ln() as f32;
+            let log_alpha = (params.first_temperature as f32).log();
             Agent::new(n, model.sizes.action, whitening, log_alpha, &mut cx.rng("weights"))
         });
         let mut trainer = SacTrainer::new(agent, model, &codes, params.sac());
