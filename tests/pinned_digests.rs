@@ -11,14 +11,14 @@ use carl_pipe::stage;
 /// versions that the message names and paste its lines.
 const PINNED: &[(&str, &str, u32, &str)] = &[
     ("bootstrap", "generate_data", 1, "6226fbac14da9ea5"),
-    ("model", "train_lce", 1, "5e1e2aa18f68cc90"),
-    ("agent", "train_sac", 1, "439ae7794fa5eb25"),
-    ("collected", "collect", 1, "c6004e4027b4f0b1"),
-    ("next_model", "train_lce", 1, "caa4efbb14f1811a"),
-    ("distilled", "distill_policy", 1, "66c734bdf8deb0fc"),
-    ("next_agent", "train_sac", 1, "96f52be4b9b71b14"),
-    ("evaluation", "evaluate", 1, "d892c0989077a7f6"),
-    ("map", "export_latent_map", 1, "990e6c6ab2e66076"),
+    ("model", "train_lce", 1, "9320fa6ddb00e128"),
+    ("agent", "train_sac", 1, "e07b5d8bdf457106"),
+    ("collected", "collect", 1, "9f1103bca6c57d85"),
+    ("next_model", "train_lce", 1, "10d55ab89ef00595"),
+    ("distilled", "distill_policy", 1, "9c2dd8093a7145fc"),
+    ("next_agent", "train_sac", 1, "0475572a0c9ea4c8"),
+    ("evaluation", "evaluate", 1, "f6ce16218a838441"),
+    ("map", "export_latent_map", 1, "dd829a2e5c6dd0cb"),
 ];
 
 #[test]

@@ -11,7 +11,7 @@ use crate::{
         agent::Whitening,
         sac::{Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
     },
-    nn::Real as _,
+    nn::math,
     record::{At, topic},
 };
 
@@ -151,7 +151,7 @@ impl Stage for TrainSac {
             let n = model.sizes.latent;
             let means: Vec<f32> = codes.data.chunks_exact(2 * n).flat_map(|code| &code[..n]).copied().collect();
             let whitening = if params.whiten { Whitening::of(&means, n) } else { Whitening::identity(n) };
-            let log_alpha = (params.first_temperature as f32).log();
+            let log_alpha = math::ln(params.first_temperature as f32);
             Agent::new(n, model.sizes.action, whitening, log_alpha, &mut cx.rng("weights"))
         });
         let mut trainer = SacTrainer::new(agent, model, &codes, params.sac());
