@@ -104,9 +104,9 @@ impl Default for Params {
         Self {
             objective: LossName::Carl,
             epochs: 15,
-            warm_up_epochs: 300,
-            anchor_epochs: 100,
-            ramp_epochs: 100,
+            warm_up_epochs: 150,
+            anchor_epochs: 50,
+            ramp_epochs: 50,
             ramp_from: 0.02,
             warm_up: WarmUp { sigma: 0.3, scale: 1.0, anchor: 30.0, outlier: 3.0, shrink: 0.01 },
             lambda: Lambda::default(),
