@@ -34,21 +34,29 @@ struct About {
 }
 
 impl LatentMap {
+    /// Width and height of the picture.
+    pub const SVG_SIDE: f32 = 480.0;
+
     /// The first two latent coordinates as an SVG picture: neighbours on the grid are joined, colours are places.
     pub fn svg(&self) -> String {
-        const SIDE: f32 = 480.0;
+        let (side, drawing) = (Self::SVG_SIDE, self.svg_drawing());
+        format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {side} {side}\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n{drawing}</svg>\n"
+        )
+    }
+
+    /// What the picture shows, for a square of [`LatentMap::SVG_SIDE`].
+    pub fn svg_drawing(&self) -> String {
         const MARGIN: f32 = 24.0;
         let xy = |code: &[f32]| [code[0], code.get(1).copied().unwrap_or(0.0)];
         let all: Vec<[f32; 2]> = self.codes.chunks(self.latent).chain(self.goals.chunks(self.latent)).map(xy).collect();
         let bound = |i: usize, pick: fn(f32, f32) -> f32, start| all.iter().map(|p| p[i]).fold(start, pick);
         let low = [0, 1].map(|i| bound(i, f32::min, f32::MAX));
         let high = [0, 1].map(|i| bound(i, f32::max, f32::MIN));
-        let scale = [0, 1].map(|i| (SIDE - 2.0 * MARGIN) / (high[i] - low[i]).max(1e-6));
+        let scale = [0, 1].map(|i| (Self::SVG_SIDE - 2.0 * MARGIN) / (high[i] - low[i]).max(1e-6));
         let place = |p: [f32; 2]| [0, 1].map(|i: usize| MARGIN + (p[i] - low[i]) * scale[i]);
         let points: Vec<[f32; 2]> = all[..self.grid.len()].iter().map(|&p| place(p)).collect();
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {SIDE} {SIDE}\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n<g stroke=\"#bbb\" stroke-width=\".6\">\n"
-        );
+        let mut svg = "<g stroke=\"#bbb\" stroke-width=\".6\">\n".to_owned();
         let mut index = std::collections::BTreeMap::new();
         for (i, cell) in self.grid.iter().enumerate() {
             index.insert(*cell, i);
@@ -72,7 +80,6 @@ impl LatentMap {
                 "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"9\" fill=\"none\" stroke=\"#000\" stroke-width=\"2.5\"/>"
             );
         }
-        svg.push_str("</svg>\n");
         svg
     }
 }

@@ -7,6 +7,7 @@ mod gc;
 mod live;
 mod log;
 mod out;
+mod plot;
 mod progress;
 mod replay;
 mod run;
@@ -31,6 +32,7 @@ const EXAMPLES: &str = "Examples:
   carl-pipe run pipelines/planar_online.toml -S seed=1 -S represent.epochs=20
   carl-pipe why pipelines/planar_online.toml represent@3  what changed, old value and new
   carl-pipe view latest                                   look at the newest run
+  carl-pipe plot latest -o figures                        its learning curve and latent maps
   carl-pipe replay latest                                 run it again and compare every byte";
 
 /// Declarative, cached, replayable pipelines for control-aware representation learning.
@@ -89,6 +91,8 @@ enum Verb {
     Show(log::ShowArgs),
     /// Open runs and recordings in the Rerun viewer.
     View(view::Args),
+    /// Draw the learning curve and the latent maps of a run, as SVG.
+    Plot(plot::Args),
     /// Run a recorded run again in an empty store, and compare every output and recording.
     Replay(replay::Args),
     /// Remove what no kept run names.
@@ -135,6 +139,7 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
         Verb::Log(args) => log::log(&global, &args),
         Verb::Show(args) => log::show(&global, &args),
         Verb::View(args) => view::view(&global, &args),
+        Verb::Plot(args) => plot::plot(&global, &args, kinds),
         Verb::Replay(args) => replay::replay(&global, &args, kinds),
         Verb::Gc(args) => gc::gc(&global, &args),
         Verb::Completions { shell } => {
