@@ -11,6 +11,8 @@ pub const TRAIN_SAC: &str = "/train/sac";
 pub const TRAIN_DISTILL: &str = "/train/distill";
 /// Where known states lie in latent space.
 pub const LATENT_MAP: &str = "/latent/map";
+/// A picture as the world shows it while data are made.
+pub const PICTURE_COLLECTED: &str = "/picture/collected";
 /// A picture as the model sees it.
 pub const PICTURE_OBSERVATION: &str = "/picture/observation";
 /// The same picture after encoder and decoder.

@@ -81,7 +81,7 @@ impl Stage for Collect {
             }
             let at = At::new(cx.round, 0, transitions.len() as u64);
             if let Some(last) = path.last() {
-                cx.record.picture(topic::PICTURE_OBSERVATION, at, picture.0 as u32, picture.1 as u32, &last.after);
+                cx.record.picture(topic::PICTURE_COLLECTED, at, picture.0 as u32, picture.1 as u32, &last.after);
             }
             cx.tick(transitions.len() as u64, params.samples, "")?;
         }

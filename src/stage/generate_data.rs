@@ -67,7 +67,7 @@ impl Stage for GenerateData {
             let (now, after) = (env.picture(&state), env.picture(&next));
             if sample % 64 == 0 {
                 let at = At::new(cx.round, 0, sample);
-                cx.record.picture(topic::PICTURE_OBSERVATION, at, picture.0 as u32, picture.1 as u32, &now);
+                cx.record.picture(topic::PICTURE_COLLECTED, at, picture.0 as u32, picture.1 as u32, &now);
                 cx.tick(sample, params.samples, "")?;
             }
             transitions.push(&now, &scaled, &after, goal);

@@ -236,8 +236,11 @@ fn distance_after_ten_actions(agent: &Agent, codes: &Codes) -> f32 {
         let actions = agent.act(&z, &goals, None);
         z.iter_mut().zip(&actions).for_each(|(z, u)| *z += STRIDE * u);
     }
-    let squared =
-        z.chunks_exact(2).zip(goals.chunks_exact(2)).map(|(z, g)| (z[0] - g[0]).powi(2) + (z[1] - g[1]).powi(2));
+    let squared = z
+        .chunks_exact(2)
+        .zip(goals.chunks_exact(2))
+        .map(|(z, g)| (z[0] - g[0], z[1] - g[1]))
+        .map(|(a, b)| a * a + b * b);
     squared.map(f32::sqrt).sum::<f32>() / (z.len() / 2) as f32
 }
 
