@@ -1,6 +1,6 @@
 //! The Rerun view of a whole run, as a file.
 //!
-//! To look at it: `CARL_SAMPLE=/tmp/sample cargo test --test record_rerun`, then `rerun /tmp/sample/run.rrd`.
+//! To look at it: `CARL_SAMPLE=sample cargo test --test record_rerun`, then `rerun sample/run.rrd`.
 
 #![allow(clippy::disallowed_methods, reason = "tests wait and measure")]
 #![cfg(feature = "rerun")]
