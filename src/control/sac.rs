@@ -1,18 +1,14 @@
 //! Model-based soft actor-critic in the latent space (paper, "Soft Actor Critic (SAC) Updates"): the critics' targets
 //! come from rolling the learned dynamics out for k steps under the current policy.
 
-use super::agent::{Agent, log_sigma_is_free, squash};
+mod targets;
+
+use targets::{RollOut, Rollout};
+
+use super::agent::{Agent, clamp_log_sigma, log_sigma_is_free, squash};
 use crate::{
     lce::LceModel,
-    nn::{
-        Real,
-        adam::AdamSettings,
-        columns::{Block, BlockMut, cut_together, over_samples},
-        heads, join,
-        mat::Into,
-        mlp::{Pass, PassMut},
-        noise, vectorize,
-    },
+    nn::{Real, adam::AdamSettings, columns::Block, heads, join, mat::Into, mlp::Pass, noise, vectorize},
     rng::Rng,
 };
 
@@ -164,9 +160,8 @@ struct Scratch {
     tuple: Vec<f32>,
     rollout_noise: Vec<f32>,
     rollout: Rollout,
-    targets: Vec<f32>,
     state_inputs: Block<f32>,
-    critic_inputs: [Block<f32>; 2],
+    critic_inputs: Block<f32>,
     critics: [Pass<f32, 3>; 2],
     d_critic_inputs: [Block<f32>; 2],
     critic_gradients: [Vec<f32>; 2],
@@ -174,32 +169,6 @@ struct Scratch {
     actor_gradient: Vec<f32>,
     actor_noise: Vec<f32>,
     log_pi: Vec<f32>,
-}
-
-/// Buffers of the latent rollout.
-#[derive(Debug)]
-struct Rollout {
-    z: Block<f32>,
-    inputs: Block<f32>,
-    actor: Pass<f32, 3>,
-    z_u: Block<f32>,
-    dynamics: Pass<f32, 3>,
-    critic_inputs: Block<f32>,
-    critic: Pass<f32, 3>,
-    target: Block<f32>,
-}
-
-cut_together! {
-    struct RolloutMut<'a, T> {
-        z: BlockMut<'a, T>,
-        inputs: BlockMut<'a, T>,
-        actor: PassMut<'a, T, 3>,
-        z_u: BlockMut<'a, T>,
-        dynamics: PassMut<'a, T, 3>,
-        critic_inputs: BlockMut<'a, T>,
-        critic: PassMut<'a, T, 3>,
-        target: BlockMut<'a, T>,
-    }
 }
 
 impl Scratch {
@@ -216,19 +185,9 @@ impl Scratch {
             epsilon: vec![0.0; n],
             tuple: vec![0.0; 3 * n + a],
             rollout_noise: vec![0.0; (rollout + 1) * (a + n) * b],
-            rollout: Rollout {
-                z: Block::new(n, b),
-                inputs: Block::new(2 * n, b),
-                actor: actor(),
-                z_u: Block::new(n + a, b),
-                dynamics: dynamics(),
-                critic_inputs: Block::new(2 * n + a, b),
-                critic: critic(),
-                target: Block::new(1, b),
-            },
-            targets: vec![0.0; b],
+            rollout: Rollout::new(agent, model),
             state_inputs: Block::new(2 * n, b),
-            critic_inputs: [(); 2].map(|()| Block::new(2 * n + a, b)),
+            critic_inputs: Block::new(2 * n + a, b),
             critics: [(); 2].map(|()| critic()),
             d_critic_inputs: [(); 2].map(|()| Block::new(2 * n + a, b)),
             critic_gradients: [(); 2].map(|()| vec![0.0; agent.nets.critic.0.len]),
@@ -276,7 +235,7 @@ impl<'a> SacTrainer<'a> {
         let (actor, entropy) = self.update_actor(threads, pace);
         self.update_temperature(entropy);
         self.average();
-        let value = self.scratch.targets.iter().map(|&t| f64::from(t)).sum::<f64>() / BATCH as f64;
+        let value = self.scratch.rollout.target.data.iter().map(|&t| f64::from(t)).sum::<f64>() / BATCH as f64;
         SacTerms { critic, actor, value, entropy, temperature: f64::from(self.agent.temperature()) }
     }
 
@@ -327,26 +286,10 @@ impl<'a> SacTrainer<'a> {
         s.epsilon = epsilon;
     }
 
-    /// The targets: r(z') + sum over the rollout of gamma^(i+1) (r - alpha ln pi), and the critics' value at its end.
+    /// The critics' targets of the batch.
     fn roll_out(&mut self, threads: usize) {
-        let (n, a) = (self.agent.latent, self.agent.action);
-        let width = self.buffer.width;
         let s = &mut self.scratch;
-        let r = &mut s.rollout;
-        for (z, tuple) in r.z.data.chunks_exact_mut(n).zip(s.tuples.data.chunks_exact(width)) {
-            z.copy_from_slice(&tuple[n + a..2 * n + a]);
-        }
-        let columns = RolloutMut {
-            z: r.z.view(BATCH),
-            inputs: r.inputs.view(BATCH),
-            actor: r.actor.view(BATCH),
-            z_u: r.z_u.view(BATCH),
-            dynamics: r.dynamics.view(BATCH),
-            critic_inputs: r.critic_inputs.view(BATCH),
-            critic: r.critic.view(BATCH),
-            target: r.target.view(BATCH),
-        };
-        let run = RollOut {
+        let roll_out = RollOut {
             agent: &self.agent,
             model: self.model,
             settings: &self.settings,
@@ -355,9 +298,7 @@ impl<'a> SacTrainer<'a> {
             tuples: &s.tuples.data,
             noise: &s.rollout_noise,
         };
-        over_samples(threads, 0, BATCH, columns, &|first, samples, columns| run.samples(first, samples, columns));
-        s.targets.clear();
-        s.targets.extend_from_slice(&r.target.data);
+        roll_out.run(threads, &mut s.rollout);
     }
 
     /// Regresses both critics on the targets: J_Q.
@@ -368,13 +309,13 @@ impl<'a> SacTrainer<'a> {
             let tuple = &s.tuples.data[i * width..][..width];
             let input = &mut s.state_inputs.data[i * 2 * n..][..2 * n];
             self.agent.input(&tuple[..n], &tuple[2 * n + a..], input);
-            let critic_input = &mut s.critic_inputs[0].data[i * (2 * n + a)..][..2 * n + a];
+            let critic_input = &mut s.critic_inputs.data[i * (2 * n + a)..][..2 * n + a];
             critic_input[..2 * n].copy_from_slice(input);
             critic_input[2 * n..].copy_from_slice(&tuple[n..n + a]);
         }
         let settings = AdamSettings { learning_rate: self.settings.critic_learning_rate * pace, weight_decay: 0.0 };
         let net = self.agent.nets.critic.1;
-        let (inputs, targets) = (&s.critic_inputs[0].data, &s.targets);
+        let (inputs, targets) = (&s.critic_inputs.data, &s.rollout.target.data);
         let update = |trained: &mut super::agent::Trained, pass: &mut Pass<f32, 3>, gradient: &mut [f32]| {
             let mut pass = pass.view(BATCH);
             net.forward(&trained.arena, inputs, &mut pass);
@@ -417,14 +358,14 @@ impl<'a> SacTrainer<'a> {
             let gaussian = &mut actor.out[2][i * 2 * a..][..2 * a];
             // The raw log standard deviation is kept in the delta until the gradient has asked for it.
             actor.delta[2][i * 2 * a..][..2 * a].copy_from_slice(gaussian);
-            super::agent::clamp_log_sigma(&mut gaussian[a..]);
-            let input = &mut s.critic_inputs[0].data[i * (2 * n + a)..][..2 * n + a];
+            clamp_log_sigma(&mut gaussian[a..]);
+            let input = &mut s.critic_inputs.data[i * (2 * n + a)..][..2 * n + a];
             s.log_pi[i] = squash(gaussian, &s.actor_noise[i * a..][..a], &mut input[2 * n..]);
         }
         let [critic_0, critic_1] = &self.agent.critics;
         let [pass_0, pass_1] = &mut s.critics;
         let (mut pass_0, mut pass_1) = (pass_0.view(BATCH), pass_1.view(BATCH));
-        let inputs = &s.critic_inputs[0].data;
+        let inputs = &s.critic_inputs.data;
         join(
             threads,
             || critic_net.forward(&critic_0.arena, inputs, &mut pass_0),
@@ -499,101 +440,6 @@ fn approach(slow: &mut [f32], fast: &[f32], share: f64) {
             }
         },
     );
-}
-
-/// What all samples of a rollout share.
-struct RollOut<'a> {
-    agent: &'a Agent,
-    model: &'a LceModel,
-    settings: &'a Sac,
-    low: &'a [f32],
-    high: &'a [f32],
-    tuples: &'a [f32],
-    noise: &'a [f32],
-}
-
-impl RollOut<'_> {
-    fn samples(&self, first: usize, samples: usize, mut c: RolloutMut<'_, f32>) {
-        vectorize(
-            #[inline(always)]
-            || self.roll(first, samples, &mut c),
-        );
-    }
-
-    #[inline(always)]
-    fn roll(&self, first: usize, samples: usize, c: &mut RolloutMut<'_, f32>) {
-        let (n, a) = (self.agent.latent, self.agent.action);
-        let width = 3 * n + a;
-        let tuple = |i: usize| &self.tuples[(first + i) * width..][..width];
-        let alpha = self.agent.temperature();
-        for i in 0..samples {
-            c.target.of(i)[0] = self.reward(&tuple(i)[n..n + a], c.z.of(i), &tuple(i)[2 * n + a..]);
-        }
-        let mut discount = 1.0_f32;
-        let ends = self.settings.rollout + usize::from(self.settings.bootstrap);
-        for step in 0..ends {
-            discount *= self.settings.discount as f32;
-            for i in 0..samples {
-                self.agent.input(c.z.of(i), &tuple(i)[2 * n + a..], c.inputs.of(i));
-            }
-            self.agent.nets.actor.1.forward(&self.agent.actor.arena, c.inputs.data, &mut c.actor);
-            let step_noise = &self.noise[step * BATCH * (a + n)..][..BATCH * (a + n)];
-            for i in 0..samples {
-                let epsilon = &step_noise[(first + i) * (a + n)..][..a + n];
-                let gaussian = &mut c.actor.out[2][i * 2 * a..][..2 * a];
-                super::agent::clamp_log_sigma(&mut gaussian[a..]);
-                let (z, action) = c.z_u.of(i).split_at_mut(n);
-                let log_pi = squash(gaussian, &epsilon[..a], action);
-                z.copy_from_slice(c.z.of(i));
-                c.target.of(i)[0] -= discount * alpha * log_pi;
-            }
-            if step == self.settings.rollout {
-                self.add_values(samples, discount, c);
-                return;
-            }
-            self.model.nets.dynamics.forward(&self.model.arena, c.z_u.data, &mut c.dynamics);
-            for i in 0..samples {
-                let epsilon = &step_noise[(first + i) * (a + n) + a..][..n];
-                let gaussian = &c.dynamics.out[2][i * 2 * n..][..2 * n];
-                let z = c.z.of(i);
-                for k in 0..n {
-                    let moved = gaussian[n + k].e_to().mul_add(epsilon[k], z[k] + gaussian[k]);
-                    z[k] = moved.clamp(self.low[k], self.high[k]);
-                }
-                let reward = self.reward(&c.z_u.of(i)[n..], c.z.of(i), &tuple(i)[2 * n + a..]);
-                c.target.of(i)[0] += discount * reward;
-            }
-        }
-    }
-
-    /// Adds the smaller target critic's value of the last state and action.
-    fn add_values(&self, samples: usize, discount: f32, c: &mut RolloutMut<'_, f32>) {
-        let (n, a) = (self.agent.latent, self.agent.action);
-        for i in 0..samples {
-            let input = c.critic_inputs.of(i);
-            input[..2 * n].copy_from_slice(c.inputs.of(i));
-            input[2 * n..].copy_from_slice(&c.z_u.of(i)[n..n + a]);
-        }
-        let [target_0, target_1] = &self.agent.targets;
-        let net = &self.agent.nets.critic.1;
-        net.forward(target_0, c.critic_inputs.data, &mut c.critic);
-        // The first critic's values wait in the deltas while the second runs in the same buffers.
-        let (out, delta) = (&mut c.critic.out[2], &mut c.critic.delta[2]);
-        delta[..samples].copy_from_slice(&out[..samples]);
-        net.forward(target_1, c.critic_inputs.data, &mut c.critic);
-        for i in 0..samples {
-            c.target.of(i)[0] += discount * c.critic.out[2][i].min(c.critic.delta[2][i]);
-        }
-    }
-
-    #[inline(always)]
-    fn reward(&self, action: &[f32], z_next: &[f32], z_goal: &[f32]) -> f32 {
-        let squared = z_next.iter().zip(z_goal).map(|(z, g)| (z - g) * (z - g)).sum::<f32>();
-        match self.settings.reward {
-            Reward::Distance => -squared.sqrt(),
-            Reward::Quadratic => -50.0 * squared - action.iter().map(|u| u * u).sum::<f32>(),
-        }
-    }
 }
 
 #[cfg(test)]

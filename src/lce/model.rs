@@ -110,7 +110,7 @@ impl<T: Real> LceModel<T> {
         let first = &self.nets.encoder.layers[0];
         let mut base = vec![T::nil(); first.n_out];
         pictures.base(first, &self.arena, &mut base);
-        let mut pass = Pass::new(&self.nets.encoder, 128, 1);
+        let mut pass = Pass::new(&self.nets.encoder, pictures.len().min(128), 1);
         let all: Vec<u32> = (0..pictures.len() as u32).collect();
         for which in all.chunks(128) {
             let mut pass = pass.view(which.len());

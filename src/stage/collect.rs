@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{PresetOf, Refusal, Stage, StageCx, inputs};
+use super::{PresetOf, Refusal, Stage, StageCx, generate_data::none_yet, inputs};
 use crate::{
     artifact::{TrainedModel, Transitions},
     control::{
@@ -60,13 +60,8 @@ impl Stage for Collect {
         let env = cx.task.open();
         let mut rng = cx.rng("episodes");
         let goals = env.goals();
-        let picture = env.picture_size();
-        let mut transitions = Transitions {
-            picture,
-            action_dim: env.action_limit().len(),
-            goals: goals.iter().flat_map(|goal| env.picture(goal)).collect(),
-            ..Transitions::default()
-        };
+        let mut transitions = none_yet(&*env);
+        let (height, width) = transitions.picture;
         // Every goal in turn, from a random one on.
         let mut goal = noise::index(&mut rng, goals.len());
         let total = params.samples as usize;
@@ -81,7 +76,7 @@ impl Stage for Collect {
             }
             let at = At::new(cx.round, 0, transitions.len() as u64);
             if let Some(last) = path.last() {
-                cx.record.picture(topic::PICTURE_COLLECTED, at, picture.0 as u32, picture.1 as u32, &last.after);
+                cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, &last.after);
             }
             cx.tick(transitions.len() as u64, params.samples, "")?;
         }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::{PresetOf, Refusal, Stage, StageCx, inputs};
 use crate::{
     artifact::Transitions,
+    env::Environment,
     nn::noise,
     record::{At, topic},
 };
@@ -51,13 +52,8 @@ impl Stage for GenerateData {
         let env = cx.task.open();
         let mut rng = cx.rng("transitions");
         let goals = env.goals();
-        let picture = env.picture_size();
-        let mut transitions = Transitions {
-            picture,
-            action_dim: env.action_limit().len(),
-            goals: goals.iter().flat_map(|goal| env.picture(goal)).collect(),
-            ..Transitions::default()
-        };
+        let mut transitions = none_yet(&*env);
+        let (height, width) = transitions.picture;
         for sample in 0..params.samples {
             let state = env.sample_state(&mut rng);
             let action = env.sample_action(&mut rng);
@@ -67,11 +63,21 @@ impl Stage for GenerateData {
             let (now, after) = (env.picture(&state), env.picture(&next));
             if sample % 64 == 0 {
                 let at = At::new(cx.round, 0, sample);
-                cx.record.picture(topic::PICTURE_COLLECTED, at, picture.0 as u32, picture.1 as u32, &now);
+                cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, &now);
                 cx.tick(sample, params.samples, "")?;
             }
             transitions.push(&now, &scaled, &after, goal);
         }
         Ok(transitions)
+    }
+}
+
+/// No transitions of a task, with its goal images.
+pub(super) fn none_yet(env: &dyn Environment) -> Transitions {
+    Transitions {
+        picture: env.picture_size(),
+        action_dim: env.action_limit().len(),
+        goals: env.goals().iter().flat_map(|goal| env.picture(goal)).collect(),
+        ..Transitions::default()
     }
 }

@@ -221,7 +221,7 @@ fn targets_are_those_of_the_algorithm_written_out() {
     ] {
         let trainer = at_rest(&model, &codes, Sac { bootstrap, reward, rollout, ..settings() });
         for sample in 0..BATCH {
-            let (got, want) = (f64::from(trainer.scratch.targets[sample]), plain_target(&trainer, sample));
+            let (got, want) = (f64::from(trainer.scratch.rollout.target.data[sample]), plain_target(&trainer, sample));
             let near = (got - want).abs() < 1e-4 * want.abs().max(1.0);
             assert!(near, "{bootstrap} {reward:?} {rollout}, sample {sample}: {got} is not {want}");
         }
