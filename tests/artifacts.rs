@@ -42,6 +42,7 @@ fn transitions() -> Transitions {
 
 fn model() -> TrainedModel {
     let sizes = Sizes {
+        convolution: None,
         pixels: 6,
         latent: 2,
         action: 1,

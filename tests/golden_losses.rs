@@ -44,6 +44,7 @@ impl Golden {
     fn sizes(&self) -> Sizes {
         let out = |layer: &str| self.outputs(layer);
         Sizes {
+            convolution: None,
             pixels: self.shape("x")[1],
             latent: self.shape("eps_ze")[1],
             action: self.shape("u")[1],

@@ -230,15 +230,42 @@ struct Case {
     actions: Vec<f64>,
     noise: Vec<f64>,
     guidance: Vec<f64>,
+    /// How many parameters of a layer are checked.
+    each: usize,
 }
 
 const SAMPLES: usize = 5;
 
 fn case(latent: usize, action: usize) -> Case {
+    case_of(Sizes {
+        pixels: 23,
+        latent,
+        action,
+        convolution: None,
+        encoder: [7, 6],
+        decoder: [5, 7],
+        dynamics: [6, 5],
+        backward: [3, 4, 5, 6],
+    })
+}
+
+/// Two frames of 16 rows and 24 columns: 2x3 pixels where the picture is smallest, of 2 and of 3 channels.
+fn convolutional_case() -> Case {
+    case_of(Sizes {
+        pixels: 2 * 16 * 24,
+        latent: 3,
+        action: 2,
+        convolution: Some([2, 16, 24]),
+        encoder: [2 * 6, 7],
+        decoder: [6, 3 * 6],
+        dynamics: [6, 5],
+        backward: [3, 4, 5, 6],
+    })
+}
+
+fn case_of(sizes: Sizes) -> Case {
     let mut rng = Rng::seed_from_u64(6);
-    let pixels = 23;
-    let sizes =
-        Sizes { pixels, latent, action, encoder: [7, 6], decoder: [5, 7], dynamics: [6, 5], backward: [3, 4, 5, 6] };
+    let (pixels, latent, action) = (sizes.pixels, sizes.latent, sizes.action);
     let frames: Vec<u8> = (0..2 * SAMPLES * pixels).map(|_| u8::from(noise::index(&mut rng, 4) == 0)).collect();
     let background = carl_pipe::lce::model::background(&frames, pixels);
     let mut model = LceModel::<f64>::new(sizes, background, &mut rng);
@@ -254,6 +281,7 @@ fn case(latent: usize, action: usize) -> Case {
         actions: random(&mut rng, SAMPLES * action),
         noise,
         guidance: random(&mut rng, SAMPLES).iter().map(|w| 1.5 + w).collect(),
+        each: if model.sizes.convolution.is_some() { 2 } else { 12 },
         model,
         pictures,
     }
@@ -274,8 +302,8 @@ fn some_of(layers: &[(String, Linear)], each: usize) -> Vec<(String, Vec<usize>)
 #[test]
 fn the_gradient_of_the_whole_warm_up_equals_finite_differences() {
     let settings = WarmUp { sigma: 0.4, scale: 0.8, anchor: 3.0, outlier: 1.5, shrink: 0.05 };
-    for (latent, action) in [(2, 2), (3, 1)] {
-        let case = case(latent, action);
+    for case in [case(2, 2), case(3, 1), convolutional_case()] {
+        let latent = case.model.sizes.latent;
         let run = |arena: &[f64]| {
             let model = LceModel { arena: arena.to_vec(), ..case.model.clone() };
             let mut workspace = WarmUpWorkspace::new(&model, SAMPLES);
@@ -300,7 +328,7 @@ fn the_gradient_of_the_whole_warm_up_equals_finite_differences() {
             (total, workspace.gradient().to_vec())
         };
         let gradient = run(&case.model.arena).1;
-        for (layer, which) in some_of(&case.model.nets.layout.layers, 12) {
+        for (layer, which) in some_of(&case.model.nets.layout.layers, case.each) {
             check(&layer, &case.model.arena, &gradient, &which, |arena| run(arena).0);
             let is_idle = which.iter().all(|&i| gradient[i] == 0.0);
             assert_eq!(is_idle, layer.starts_with("backward."), "{layer}");
@@ -360,15 +388,14 @@ fn every_weight() -> Weights {
 
 #[test]
 fn the_gradient_of_the_whole_objective_equals_finite_differences() {
-    for (latent, action) in [(2, 2), (3, 1)] {
-        let case = case(latent, action);
+    for case in [case(2, 2), case(3, 1), convolutional_case()] {
         for guided in [false, true] {
             let run = |arena: &[f64]| objective(&case, arena, &every_weight(), guided);
             let (total, terms, gradient) = run(&case.model.arena);
             if !guided {
                 assert!((terms.total(&every_weight()) - total).abs() < 1e-10);
             }
-            for (layer, which) in some_of(&case.model.nets.layout.layers, 10) {
+            for (layer, which) in some_of(&case.model.nets.layout.layers, case.each) {
                 check(&layer, &case.model.arena, &gradient, &which, |arena| run(arena).0);
             }
         }

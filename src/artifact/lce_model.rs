@@ -79,10 +79,22 @@ impl Artifact for TrainedModel {
 
     fn load(files: &Files) -> anyhow::Result<Self> {
         let About { sizes, adam_steps } = serde_json::from_slice(file(files, "model.json")?)?;
-        let Sizes { pixels, latent, action, encoder, decoder, dynamics, backward } = &sizes;
+        let Sizes { pixels, latent, action, convolution, encoder, decoder, dynamics, backward } = &sizes;
         check_widths(
             [pixels, latent, action].into_iter().chain(encoder).chain(decoder).chain(dynamics).chain(backward),
         )?;
+        if let Some([frames, rows, columns]) = *convolution {
+            check_widths(&[frames, rows, columns])?;
+            let smallest = (rows / 8) * (columns / 8);
+            ensure!(
+                rows % 8 == 0
+                    && columns % 8 == 0
+                    && frames.saturating_mul(rows).saturating_mul(columns) == *pixels
+                    && encoder[0].is_multiple_of(smallest)
+                    && decoder[1].is_multiple_of(smallest),
+                "convolutions of {frames} frames of {rows} x {columns} do not go with the other widths"
+            );
+        }
         let nets = Nets::new(&sizes);
         let tensors = TensorFile::open(file(files, "model.safetensors")?)?;
         let optimizer = TensorFile::open(file(files, "optimizer.safetensors")?)?;

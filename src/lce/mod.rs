@@ -1,9 +1,10 @@
 //! The latent controllable embedding: encoder, dynamics, decoder and backward dynamics, and what trains them.
 
 mod backward;
-
 mod curvature;
+mod decoder;
 pub mod detectors;
+mod encoder;
 pub mod model;
 pub mod objective;
 pub mod trainer;

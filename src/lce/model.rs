@@ -1,11 +1,15 @@
 //! The networks of an LCE model over one arena of parameters.
 
-use super::backward::Backward;
+use super::{
+    backward::Backward,
+    decoder::{Decoder, DecoderPass},
+    encoder::{Encoder, EncoderPass},
+};
 use crate::{
     nn::{
         Real, heads,
         mlp::{Layout, Mlp, Pass},
-        pictures::{Pictures, Place},
+        pictures::Pictures,
     },
     rng::Rng,
 };
@@ -20,9 +24,12 @@ pub struct Sizes {
     pub latent: usize,
     /// Dimension of the action, u.
     pub action: usize,
-    /// Hidden layers of the encoder.
+    /// Frames, rows and columns of an observation where encoder and decoder are convolutional.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub convolution: Option<[usize; 3]>,
+    /// Hidden layers of the encoder; convolutions put out the first.
     pub encoder: [usize; 2],
-    /// Hidden layers of the decoder.
+    /// Hidden layers of the decoder; convolutions start from the last.
     pub decoder: [usize; 2],
     /// Hidden layers of the dynamics.
     pub dynamics: [usize; 2],
@@ -37,11 +44,45 @@ impl Sizes {
             pixels: 1600,
             latent: 2,
             action: 2,
+            convolution: None,
             encoder: [300, 300],
             decoder: [300, 300],
             dynamics: [20, 20],
             backward: [5, 5, 100, 100],
         }
+    }
+
+    /// The paper's sizes for the pendulum's swing-up.
+    pub fn swing_up() -> Self {
+        Self {
+            pixels: 2 * 48 * 48,
+            latent: 3,
+            action: 1,
+            convolution: None,
+            encoder: [500, 500],
+            decoder: [500, 500],
+            dynamics: [30, 30],
+            backward: [10, 10, 200, 200],
+        }
+    }
+
+    /// The paper's sizes for balancing the cart-pole.
+    pub fn cart_pole() -> Self {
+        Self {
+            pixels: 2 * 80 * 80,
+            latent: 8,
+            action: 1,
+            convolution: Some([2, 80, 80]),
+            encoder: [1000, 200],
+            decoder: [200, 1000],
+            dynamics: [40, 40],
+            backward: [10, 10, 300, 300],
+        }
+    }
+
+    /// The paper's sizes for the three-link pendulum.
+    pub fn three_pole() -> Self {
+        Self { action: 3, encoder: [1000, 500], backward: [10, 10, 400, 400], ..Self::cart_pole() }
     }
 }
 
@@ -51,9 +92,9 @@ pub struct Nets {
     /// All layers by name.
     pub layout: Layout,
     /// E: picture -> Gaussian over z.
-    pub encoder: Mlp<3>,
+    pub encoder: Encoder,
     /// D: z -> Bernoulli logits of a picture.
-    pub decoder: Mlp<3>,
+    pub decoder: Decoder,
     /// F: (z, u) -> Gaussian over z', relative to z.
     pub dynamics: Mlp<3>,
     /// B: (z', u, x) -> Gaussian over z.
@@ -64,16 +105,17 @@ impl Nets {
     /// Lays out the networks.
     pub fn new(sizes: &Sizes) -> Self {
         let mut layout = Layout::default();
-        let [e0, e1] = sizes.encoder;
-        let [d0, d1] = sizes.decoder;
         let [f0, f1] = sizes.dynamics;
-        let encoder = layout.mlp("encoder", sizes.pixels, [e0, e1, 2 * sizes.latent]);
-        let decoder = layout.mlp("decoder", sizes.latent, [d0, d1, sizes.pixels]);
+        let encoder = Encoder::new(&mut layout, sizes);
+        let decoder = Decoder::new(&mut layout, sizes);
         let dynamics = layout.mlp("dynamics", sizes.latent + sizes.action, [f0, f1, 2 * sizes.latent]);
         let backward = Backward::new(&mut layout, sizes);
         Self { layout, encoder, decoder, dynamics, backward }
     }
 }
+
+/// Pictures that are encoded or decoded together.
+const AT_ONCE: usize = 128;
 
 /// An LCE model: sizes, parameters, and the background that its pictures are compared with.
 #[derive(Debug, Clone, PartialEq)]
@@ -107,17 +149,15 @@ impl<T: Real> LceModel<T> {
     /// E(·|x) for every picture: means, then log standard deviations, one column each.
     pub fn encode(&self, pictures: &Pictures) -> Vec<T> {
         let mut codes = Vec::with_capacity(2 * self.sizes.latent * pictures.len());
-        let first = &self.nets.encoder.layers[0];
-        let mut base = vec![T::nil(); first.n_out];
-        pictures.base(first, &self.arena, &mut base);
-        let mut pass = Pass::new(&self.nets.encoder, pictures.len().min(128), 1);
+        let encoder = &self.nets.encoder;
+        let mut ready = encoder.ready();
+        encoder.prepare(&self.arena, pictures, &mut ready);
+        let mut pass = EncoderPass::new(encoder, pictures.len().min(AT_ONCE), 1);
         let all: Vec<u32> = (0..pictures.len() as u32).collect();
-        for which in all.chunks(128) {
+        for which in all.chunks(AT_ONCE) {
             let mut pass = pass.view(which.len());
-            let place = Place { stride: first.n_out, offset: 0 };
-            pictures.affine(first, &self.arena, &base, which, pass.out[0], place, true);
-            self.nets.encoder.forward_from_second(&self.arena, &mut pass);
-            codes.extend_from_slice(pass.output());
+            encoder.forward(&self.arena, &ready, (pictures, which), &mut pass);
+            codes.extend_from_slice(pass.codes().0);
         }
         codes
     }
@@ -155,11 +195,17 @@ impl<T: Real> LceModel<T> {
 
     /// Probabilities of the pixels for every column of z.
     pub fn decode(&self, z: &[T]) -> Vec<T> {
-        let columns = z.len() / self.sizes.latent;
-        let mut pass = Pass::new(&self.nets.decoder, columns, 1);
-        let mut pass = pass.view(columns);
-        self.nets.decoder.forward(&self.arena, z, &mut pass);
-        pass.output().iter().map(|&l| T::unit() / (T::unit() + (-l).e_to())).collect()
+        let (decoder, n) = (&self.nets.decoder, self.sizes.latent);
+        let mut kernels = decoder.ready();
+        decoder.prepare(&self.arena, &mut kernels);
+        let mut pass = DecoderPass::new(decoder, (z.len() / n).min(AT_ONCE), 1);
+        let mut probabilities = Vec::with_capacity(z.len() / n * self.sizes.pixels);
+        for z in z.chunks(AT_ONCE * n) {
+            let mut pass = pass.view(z.len() / n);
+            decoder.forward(&self.arena, &kernels, z, &mut pass);
+            probabilities.extend(pass.logits().0.iter().map(|&l| T::unit() / (T::unit() + (-l).e_to())));
+        }
+        probabilities
     }
 }
 

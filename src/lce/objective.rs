@@ -6,15 +6,18 @@
 use super::{
     backward::{BackwardMut, BackwardPass},
     curvature::{Curvature, CurvatureMut},
+    decoder::{DecoderMut, DecoderPass},
+    encoder::{EncoderMut, EncoderPass, Ready},
     model::LceModel,
 };
 use crate::nn::{
     Real,
     columns::{Block, BlockMut, cut_together, over_samples},
+    conv::Kernels,
     heads,
     mat::Into,
     mlp::{Pass, PassMut},
-    pictures::{Pictures, Place},
+    pictures::Pictures,
     vectorize,
 };
 
@@ -155,10 +158,10 @@ pub fn noise_width(latent: usize, action: usize) -> usize {
 /// Buffers for batches up to a size; a step allocates nothing.
 #[derive(Debug, Clone)]
 pub struct Workspace<T> {
-    encoder: Pass<T, 3>,
+    encoder: EncoderPass<T>,
     decoder_input: Block<T>,
     d_decoder_input: Block<T>,
-    decoder: Pass<T, 3>,
+    decoder: DecoderPass<T>,
     backward: BackwardPass<T>,
     dynamics_input: Block<T>,
     d_dynamics_input: Block<T>,
@@ -167,17 +170,24 @@ pub struct Workspace<T> {
     z1: Block<T>,
     d_z1: Block<T>,
     terms: Block<T>,
-    encoder_base: Vec<T>,
-    backward_base: Vec<T>,
+    shared: Shared<T>,
     gradient: Vec<T>,
+}
+
+/// What all samples of a step share besides the model: its weights as the loops read them.
+#[derive(Debug, Clone)]
+struct Shared<T> {
+    encoder: Ready<T>,
+    decoder: Vec<Kernels<T>>,
+    backward: Vec<T>,
 }
 
 cut_together! {
     struct Columns<'a, T> {
-        encoder: PassMut<'a, T, 3>,
+        encoder: EncoderMut<'a, T>,
         decoder_input: BlockMut<'a, T>,
         d_decoder_input: BlockMut<'a, T>,
-        decoder: PassMut<'a, T, 3>,
+        decoder: DecoderMut<'a, T>,
         backward: BackwardMut<'a, T>,
         dynamics_input: BlockMut<'a, T>,
         d_dynamics_input: BlockMut<'a, T>,
@@ -194,10 +204,10 @@ impl<T: Real> Workspace<T> {
     pub fn new(model: &LceModel<T>, samples: usize) -> Self {
         let (nets, n, a) = (&model.nets, model.sizes.latent, model.sizes.action);
         Self {
-            encoder: Pass::new(&nets.encoder, samples, 2),
+            encoder: EncoderPass::new(&nets.encoder, samples, 2),
             decoder_input: Block::new(3 * n, samples),
             d_decoder_input: Block::new(3 * n, samples),
-            decoder: Pass::new(&nets.decoder, samples, 3),
+            decoder: DecoderPass::new(&nets.decoder, samples, 3),
             backward: BackwardPass::new(&nets.backward, samples),
             dynamics_input: Block::new(2 * (n + a), samples),
             d_dynamics_input: Block::new(2 * (n + a), samples),
@@ -206,14 +216,17 @@ impl<T: Real> Workspace<T> {
             z1: Block::new(n, samples),
             d_z1: Block::new(n, samples),
             terms: Block::new(TERMS, samples),
-            encoder_base: vec![T::nil(); nets.encoder.layers[0].n_out],
-            backward_base: vec![T::nil(); nets.backward.x.n_out],
+            shared: Shared {
+                encoder: nets.encoder.ready(),
+                decoder: nets.decoder.ready(),
+                backward: vec![T::nil(); nets.backward.x.n_out],
+            },
             gradient: vec![T::nil(); nets.layout.len],
         }
     }
 
-    fn columns(&mut self, samples: usize) -> Columns<'_, T> {
-        Columns {
+    fn columns(&mut self, samples: usize) -> (Columns<'_, T>, &mut Shared<T>) {
+        let columns = Columns {
             encoder: self.encoder.view(samples),
             decoder_input: self.decoder_input.view(samples),
             d_decoder_input: self.d_decoder_input.view(samples),
@@ -226,7 +239,8 @@ impl<T: Real> Workspace<T> {
             z1: self.z1.view(samples),
             d_z1: self.d_z1.view(samples),
             terms: self.terms.view(samples),
-        }
+        };
+        (columns, &mut self.shared)
     }
 
     /// The gradient of the last step.
@@ -243,40 +257,30 @@ impl<T: Real> Workspace<T> {
     pub fn step(&mut self, threads: usize, model: &LceModel<T>, weights: &Weights, batch: &Batch<'_, T>) -> Terms {
         let samples = batch.x.len();
         let (nets, arena) = (&model.nets, &model.arena[..]);
-        batch.pictures.base(&nets.encoder.layers[0], arena, &mut self.encoder_base);
-        nets.backward.base(arena, batch.pictures, &mut self.backward_base);
-        let (encoder_base, backward_base) =
-            (std::mem::take(&mut self.encoder_base), std::mem::take(&mut self.backward_base));
-        let run = Run {
-            model,
-            weights,
-            batch,
-            encoder_base: &encoder_base,
-            backward_base: &backward_base,
-            mean: T::of(1.0 / samples as f64),
-        };
-        over_samples(threads, 0, samples, self.columns(samples), &|first, samples, columns| {
+        let (columns, shared) = self.columns(samples);
+        nets.encoder.prepare(arena, batch.pictures, &mut shared.encoder);
+        nets.decoder.prepare(arena, &mut shared.decoder);
+        nets.backward.base(arena, batch.pictures, &mut shared.backward);
+        let run = Run { model, weights, batch, shared, mean: T::of(1.0 / samples as f64) };
+        over_samples(threads, 0, samples, columns, &|first, samples, columns| {
             run.samples(first, samples, columns);
         });
-        (self.encoder_base, self.backward_base) = (encoder_base, backward_base);
         self.weight_gradients(threads, model, batch);
         self.mean_terms(samples)
     }
 
     fn weight_gradients(&mut self, threads: usize, model: &LceModel<T>, batch: &Batch<'_, T>) {
-        let (nets, samples) = (&model.nets, batch.x.len());
-        let mut gradient = std::mem::take(&mut self.gradient);
-        let c = self.columns(samples);
-        let first = &nets.encoder.layers[0];
-        let place = Place { stride: first.n_out, offset: 0 };
-        batch.pictures.gradient(threads, first, &mut gradient, batch.pairs, c.encoder.delta[0], place);
-        nets.encoder.gradient_from_second(threads, &mut gradient, Into::Replace, &c.encoder);
-        nets.decoder.gradient(threads, &mut gradient, Into::Replace, c.decoder_input.data, &c.decoder);
-        let inputs = (&*c.z1.data, batch.actions);
-        nets.backward.gradient(threads, &mut gradient, inputs, (batch.pictures, batch.x), &c.backward);
-        nets.dynamics.gradient(1, &mut gradient, Into::Replace, c.dynamics_input.data, &c.dynamics);
-        c.curvature.add_gradient(nets, &mut gradient);
-        self.gradient = gradient;
+        let (nets, arena, samples) = (&model.nets, &model.arena[..], batch.x.len());
+        let (gradient, shared, seen) = (&mut self.gradient[..], &self.shared, (batch.pictures, batch.pairs));
+        nets.encoder.gradient(threads, (arena, &shared.encoder), gradient, seen, &mut self.encoder, samples);
+        let z = self.decoder_input.view(samples).data;
+        nets.decoder.gradient(threads, &shared.decoder, gradient, z, &mut self.decoder, samples);
+        let inputs = (&*self.z1.view(samples).data, batch.actions);
+        let backward = self.backward.view(samples);
+        nets.backward.gradient(threads, gradient, inputs, (batch.pictures, batch.x), &backward);
+        let z_u = self.dynamics_input.view(samples).data;
+        nets.dynamics.gradient(1, gradient, Into::Replace, z_u, &self.dynamics.view(samples));
+        self.curvature.view(samples).add_gradient(nets, gradient);
     }
 
     fn mean_terms(&self, samples: usize) -> Terms {
@@ -295,8 +299,7 @@ struct Run<'a, T> {
     model: &'a LceModel<T>,
     weights: &'a Weights,
     batch: &'a Batch<'a, T>,
-    encoder_base: &'a [T],
-    backward_base: &'a [T],
+    shared: &'a Shared<T>,
     mean: T,
 }
 
@@ -315,12 +318,12 @@ impl<T: Real> Run<'_, T> {
         self.encode(first, samples, c);
         self.look_back(first, samples, c);
         self.predict(first, samples, c);
-        nets.decoder.forward(arena, c.decoder_input.data, &mut c.decoder);
+        nets.decoder.forward(arena, &self.shared.decoder, c.decoder_input.data, &mut c.decoder);
         self.reconstruct(first, samples, c);
-        nets.decoder.backward(arena, &mut c.decoder, Some(c.d_decoder_input.data));
+        nets.decoder.backward(arena, &self.shared.decoder, &mut c.decoder, c.d_decoder_input.data);
         self.back_through_dynamics(first, samples, c);
         self.back_to_encoder(first, samples, c);
-        nets.encoder.backward(arena, &mut c.encoder, None);
+        nets.encoder.backward(arena, &self.shared.encoder, &mut c.encoder);
     }
 
     #[inline(always)]
@@ -341,13 +344,11 @@ impl<T: Real> Run<'_, T> {
     fn encode(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let (nets, arena, n) = (&self.model.nets, &self.model.arena[..], self.model.sizes.latent);
         let pairs = &self.batch.pairs[2 * first..2 * (first + samples)];
-        let place = Place { stride: nets.encoder.layers[0].n_out, offset: 0 };
-        let layer = &nets.encoder.layers[0];
-        self.batch.pictures.affine(layer, arena, self.encoder_base, pairs, c.encoder.out[0], place, true);
-        nets.encoder.forward_from_second(arena, &mut c.encoder);
+        nets.encoder.forward(arena, &self.shared.encoder, (self.batch.pictures, pairs), &mut c.encoder);
+        let (codes, _) = c.encoder.codes();
         for i in 0..samples {
             let [for_z1, _, for_z_e, ..] = self.noise(first + i);
-            let (now, next) = c.encoder.out[2][4 * n * i..][..4 * n].split_at(2 * n);
+            let (now, next) = codes[4 * n * i..][..4 * n].split_at(2 * n);
             heads::sample(next, for_z1, c.z1.of(i));
             let decoder_input = c.decoder_input.of(i);
             decoder_input[..n].copy_from_slice(c.z1.of(i));
@@ -362,13 +363,13 @@ impl<T: Real> Run<'_, T> {
         let (n, a) = (self.model.sizes.latent, self.model.sizes.action);
         let u = &self.batch.actions[first * a..(first + samples) * a];
         let x = &self.batch.x[first..first + samples];
-        let seen = (self.batch.pictures, self.backward_base, x);
+        let seen = (self.batch.pictures, &self.shared.backward[..], x);
         nets.backward.forward(arena, (c.z1.data, u), seen, &mut c.backward);
         for i in 0..samples {
             let [_, for_z_q, ..] = self.noise(first + i);
             let (from_z_q, from_mean) = c.dynamics_input.of(i).split_at_mut(n + a);
             heads::sample(c.backward.gaussian(i), for_z_q, &mut from_z_q[..n]);
-            from_mean[..n].copy_from_slice(&c.encoder.out[2][4 * n * i..][..n]);
+            from_mean[..n].copy_from_slice(&c.encoder.codes().0[4 * n * i..][..n]);
             from_z_q[n..].copy_from_slice(self.action(first + i));
             from_mean[n..].copy_from_slice(self.action(first + i));
         }
@@ -412,8 +413,8 @@ impl<T: Real> Run<'_, T> {
             let parts = [(next, guided, 0), (x, T::of(encode_decode), 5), (next, T::of(deterministic), 7)];
             for (k, (picture, weight, term)) in parts.into_iter().enumerate() {
                 let range = (3 * i + k) * pixels..(3 * i + k + 1) * pixels;
-                let logits = &c.decoder.out[2][range.clone()];
-                let delta = &mut c.decoder.delta[2][range];
+                let (logits, delta) = c.decoder.logits();
+                let (logits, delta) = (&logits[range.clone()], &mut delta[range]);
                 let value = heads::bernoulli(logits, self.batch.pictures, picture, weight * self.mean, delta);
                 c.terms.of(i)[term] = value;
             }
@@ -451,8 +452,8 @@ impl<T: Real> Run<'_, T> {
         for i in 0..samples {
             let consistency = T::of(self.weights.consistency) * self.guidance(first + i) * self.mean;
             let [_, for_z_q, for_z_e, ..] = self.noise(first + i);
-            let now = &c.encoder.out[2][4 * n * i..][..2 * n];
-            let d_now = &mut c.encoder.delta[2][4 * n * i..][..2 * n];
+            let (codes, d_codes) = c.encoder.codes();
+            let (now, d_now) = (&codes[4 * n * i..][..2 * n], &mut d_codes[4 * n * i..][..2 * n]);
             d_now.fill(T::nil());
             let (d_input_z_q, d_input_mean) = c.d_dynamics_input.of(i).split_at_mut(n + a);
             let d_heads = &c.dynamics.delta[2][4 * n * i..][..4 * n];
@@ -477,8 +478,9 @@ impl<T: Real> Run<'_, T> {
         for i in 0..samples {
             let consistency = T::of(self.weights.consistency) * self.guidance(first + i) * self.mean;
             let [for_z1, ..] = self.noise(first + i);
-            let (now, next) = c.encoder.out[2][4 * n * i..][..4 * n].split_at(2 * n);
-            let (d_now, d_next) = c.encoder.delta[2][4 * n * i..][..4 * n].split_at_mut(2 * n);
+            let (codes, d_codes) = c.encoder.codes();
+            let (now, next) = codes[4 * n * i..][..4 * n].split_at(2 * n);
+            let (d_now, d_next) = d_codes[4 * n * i..][..4 * n].split_at_mut(2 * n);
             d_next.fill(T::nil());
             heads::sample_backward(next, for_z1, c.d_z1.of(i), d_next);
             let terms = c.terms.of(i);

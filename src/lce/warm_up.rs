@@ -3,14 +3,19 @@
 //! From random weights the paper's loss collapses: the encoder's noise grows until the code says nothing. This loss has
 //! one optimum, a code affine in the position, that can neither collapse nor fold. It uses (x, u, x') alone.
 
-use super::model::LceModel;
+use super::{
+    decoder::{DecoderMut, DecoderPass},
+    encoder::{EncoderMut, EncoderPass, Ready},
+    model::LceModel,
+};
 use crate::nn::{
     Real,
     columns::{Block, BlockMut, cut_together, over_samples},
+    conv::Kernels,
     heads,
     mat::Into,
     mlp::{Pass, PassMut},
-    pictures::{Pictures, Place},
+    pictures::Pictures,
     vectorize,
 };
 
@@ -61,24 +66,24 @@ pub struct WarmUpBatch<'a, T> {
 /// Buffers for batches up to a size; a step allocates nothing.
 #[derive(Debug, Clone)]
 pub struct WarmUpWorkspace<T> {
-    encoder: Pass<T, 3>,
+    encoder: EncoderPass<T>,
     decoder_input: Block<T>,
     d_decoder_input: Block<T>,
-    decoder: Pass<T, 3>,
+    decoder: DecoderPass<T>,
     dynamics_input: Block<T>,
     d_dynamics_input: Block<T>,
     dynamics: Pass<T, 3>,
     terms: Block<T>,
-    base: Vec<T>,
+    shared: (Ready<T>, Vec<Kernels<T>>),
     gradient: Vec<T>,
 }
 
 cut_together! {
     struct Columns<'a, T> {
-        encoder: PassMut<'a, T, 3>,
+        encoder: EncoderMut<'a, T>,
         decoder_input: BlockMut<'a, T>,
         d_decoder_input: BlockMut<'a, T>,
-        decoder: PassMut<'a, T, 3>,
+        decoder: DecoderMut<'a, T>,
         dynamics_input: BlockMut<'a, T>,
         d_dynamics_input: BlockMut<'a, T>,
         dynamics: PassMut<'a, T, 3>,
@@ -91,21 +96,21 @@ impl<T: Real> WarmUpWorkspace<T> {
     pub fn new(model: &LceModel<T>, samples: usize) -> Self {
         let (nets, n, a) = (&model.nets, model.sizes.latent, model.sizes.action);
         Self {
-            encoder: Pass::new(&nets.encoder, samples, 2),
+            encoder: EncoderPass::new(&nets.encoder, samples, 2),
             decoder_input: Block::new(2 * n, samples),
             d_decoder_input: Block::new(2 * n, samples),
-            decoder: Pass::new(&nets.decoder, samples, 2),
+            decoder: DecoderPass::new(&nets.decoder, samples, 2),
             dynamics_input: Block::new(n + a, samples),
             d_dynamics_input: Block::new(n + a, samples),
             dynamics: Pass::new(&nets.dynamics, samples, 1),
             terms: Block::new(4, samples),
-            base: vec![T::nil(); nets.encoder.layers[0].n_out],
+            shared: (nets.encoder.ready(), nets.decoder.ready()),
             gradient: vec![T::nil(); nets.layout.len],
         }
     }
 
-    fn columns(&mut self, samples: usize) -> Columns<'_, T> {
-        Columns {
+    fn columns(&mut self, samples: usize) -> (Columns<'_, T>, &mut (Ready<T>, Vec<Kernels<T>>)) {
+        let columns = Columns {
             encoder: self.encoder.view(samples),
             decoder_input: self.decoder_input.view(samples),
             d_decoder_input: self.d_decoder_input.view(samples),
@@ -114,7 +119,8 @@ impl<T: Real> WarmUpWorkspace<T> {
             d_dynamics_input: self.d_dynamics_input.view(samples),
             dynamics: self.dynamics.view(samples),
             terms: self.terms.view(samples),
-        }
+        };
+        (columns, &mut self.shared)
     }
 
     /// The gradient of the last step; that of B's parameters is zero.
@@ -131,13 +137,15 @@ impl<T: Real> WarmUpWorkspace<T> {
         batch: &WarmUpBatch<'_, T>,
     ) -> WarmUpTerms {
         let samples = batch.pairs.len() / 2;
-        let mut base = std::mem::take(&mut self.base);
-        batch.pictures.base(&model.nets.encoder.layers[0], &model.arena, &mut base);
-        let run = Run { model, settings, batch, base: &base, mean: T::of(1.0 / samples as f64) };
-        over_samples(threads, 0, samples, self.columns(samples), &|first, samples, columns| {
+        let (columns, shared) = self.columns(samples);
+        model.nets.encoder.prepare(&model.arena, batch.pictures, &mut shared.0);
+        if batch.decode {
+            model.nets.decoder.prepare(&model.arena, &mut shared.1);
+        }
+        let run = Run { model, settings, batch, shared, mean: T::of(1.0 / samples as f64) };
+        over_samples(threads, 0, samples, columns, &|first, samples, columns| {
             run.samples(first, samples, columns);
         });
-        self.base = base;
         self.weight_gradients(threads, model, batch);
         let mut sums = [0.0; 4];
         for terms in self.terms.data[..4 * samples].chunks_exact(4) {
@@ -150,21 +158,18 @@ impl<T: Real> WarmUpWorkspace<T> {
     }
 
     fn weight_gradients(&mut self, threads: usize, model: &LceModel<T>, batch: &WarmUpBatch<'_, T>) {
-        let nets = &model.nets;
-        let mut gradient = std::mem::take(&mut self.gradient);
-        let c = self.columns(batch.pairs.len() / 2);
-        let first = &nets.encoder.layers[0];
-        let place = Place { stride: first.n_out, offset: 0 };
-        batch.pictures.gradient(threads, first, &mut gradient, batch.pairs, c.encoder.delta[0], place);
-        nets.encoder.gradient_from_second(threads, &mut gradient, Into::Replace, &c.encoder);
+        let (nets, arena, samples) = (&model.nets, &model.arena[..], batch.pairs.len() / 2);
+        let (gradient, shared) = (&mut self.gradient[..], &self.shared);
+        let seen = (batch.pictures, batch.pairs);
+        nets.encoder.gradient(threads, (arena, &shared.0), gradient, seen, &mut self.encoder, samples);
         if batch.decode {
-            nets.decoder.gradient(threads, &mut gradient, Into::Replace, c.decoder_input.data, &c.decoder);
+            let z = self.decoder_input.view(samples).data;
+            nets.decoder.gradient(threads, &shared.1, gradient, z, &mut self.decoder, samples);
         } else {
-            let [first, .., last] = nets.decoder.layers;
-            gradient[first.at..last.at + last.len()].fill(T::nil());
+            gradient[nets.decoder.parameters()].fill(T::nil());
         }
-        nets.dynamics.gradient(1, &mut gradient, Into::Replace, c.dynamics_input.data, &c.dynamics);
-        self.gradient = gradient;
+        let z_u = self.dynamics_input.view(samples).data;
+        nets.dynamics.gradient(1, gradient, Into::Replace, z_u, &self.dynamics.view(samples));
     }
 }
 
@@ -172,7 +177,7 @@ struct Run<'a, T> {
     model: &'a LceModel<T>,
     settings: &'a WarmUp,
     batch: &'a WarmUpBatch<'a, T>,
-    base: &'a [T],
+    shared: &'a (Ready<T>, Vec<Kernels<T>>),
     mean: T,
 }
 
@@ -189,36 +194,34 @@ impl<T: Real> Run<'_, T> {
         let (nets, arena) = (&self.model.nets, &self.model.arena[..]);
         self.forward(first, samples, c);
         if self.batch.decode {
-            nets.decoder.forward(arena, c.decoder_input.data, &mut c.decoder);
+            nets.decoder.forward(arena, &self.shared.1, c.decoder_input.data, &mut c.decoder);
             self.reconstruct(first, samples, c);
-            nets.decoder.backward(arena, &mut c.decoder, Some(c.d_decoder_input.data));
+            nets.decoder.backward(arena, &self.shared.1, &mut c.decoder, c.d_decoder_input.data);
         } else {
             c.d_decoder_input.data.fill(T::nil());
             c.terms.data.fill(T::nil());
         }
         self.backward(first, samples, c);
-        nets.encoder.backward(arena, &mut c.encoder, None);
+        nets.encoder.backward(arena, &self.shared.0, &mut c.encoder);
     }
 
     #[inline(always)]
     fn forward(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let (nets, arena) = (&self.model.nets, &self.model.arena[..]);
         let (n, a) = (self.model.sizes.latent, self.model.sizes.action);
-        let layer = &nets.encoder.layers[0];
-        let place = Place { stride: layer.n_out, offset: 0 };
         let pairs = &self.batch.pairs[2 * first..2 * (first + samples)];
-        self.batch.pictures.affine(layer, arena, self.base, pairs, c.encoder.out[0], place, true);
-        nets.encoder.forward_from_second(arena, &mut c.encoder);
+        nets.encoder.forward(arena, &self.shared.0, (self.batch.pictures, pairs), &mut c.encoder);
+        let (codes, _) = c.encoder.codes();
         for i in 0..samples {
             let (z, u) = c.dynamics_input.of(i).split_at_mut(n);
-            z.copy_from_slice(&c.encoder.out[2][4 * n * i..][..n]);
+            z.copy_from_slice(&codes[4 * n * i..][..n]);
             u.copy_from_slice(&self.batch.actions[(first + i) * a..][..a]);
         }
         nets.dynamics.forward(arena, c.dynamics_input.data, &mut c.dynamics);
         let sigma = T::of(self.settings.sigma);
         for i in 0..samples {
             let noise = &self.batch.noise[(first + i) * 2 * n..][..2 * n];
-            let z = &c.encoder.out[2][4 * n * i..][..n];
+            let z = &codes[4 * n * i..][..n];
             let predicted = &mut c.dynamics.out[2][2 * n * i..][..n];
             let decoded = c.decoder_input.of(i);
             for k in 0..n {
@@ -235,8 +238,8 @@ impl<T: Real> Run<'_, T> {
         for column in 0..2 * samples {
             let picture = self.batch.pairs[2 * first + column];
             let range = column * pixels..(column + 1) * pixels;
-            let logits = &c.decoder.out[2][range.clone()];
-            let delta = &mut c.decoder.delta[2][range];
+            let (logits, delta) = c.decoder.logits();
+            let (logits, delta) = (&logits[range.clone()], &mut delta[range]);
             let value = heads::bernoulli(logits, self.batch.pictures, picture, self.mean, delta);
             c.terms.of(column / 2)[column % 2] = value;
         }
@@ -249,10 +252,10 @@ impl<T: Real> Run<'_, T> {
         let s = self.settings;
         let inverse = T::of(1.0 / (s.sigma * s.sigma)) * self.mean;
         c.dynamics.delta[2].fill(T::nil());
-        c.encoder.delta[2].fill(T::nil());
+        let (codes, d_codes) = c.encoder.codes();
+        d_codes.fill(T::nil());
         for i in 0..samples {
-            let next = &c.encoder.out[2][4 * n * i + 2 * n..][..n];
-            let d_next = &mut c.encoder.delta[2][4 * n * i + 2 * n..][..n];
+            let (next, d_next) = (&codes[4 * n * i + 2 * n..][..n], &mut d_codes[4 * n * i + 2 * n..][..n]);
             let predicted = &c.dynamics.out[2][2 * n * i..][..n];
             let d_predicted = &mut c.dynamics.delta[2][2 * n * i..][..n];
             let d_decoded = &c.d_decoder_input.of(i)[n..];
@@ -267,8 +270,7 @@ impl<T: Real> Run<'_, T> {
         }
         nets.dynamics.backward(arena, &mut c.dynamics, Some(c.d_dynamics_input.data));
         for i in 0..samples {
-            let codes = &c.encoder.out[2][4 * n * i..][..4 * n];
-            let d_codes = &mut c.encoder.delta[2][4 * n * i..][..4 * n];
+            let (codes, d_codes) = (&codes[4 * n * i..][..4 * n], &mut d_codes[4 * n * i..][..4 * n]);
             for k in 0..n {
                 d_codes[k] +=
                     c.dynamics.delta[2][2 * n * i + k] + c.d_dynamics_input.of(i)[k] + c.d_decoder_input.of(i)[k];

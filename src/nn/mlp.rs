@@ -21,6 +21,8 @@ pub struct Linear {
     pub n_in: usize,
     /// Width of the output.
     pub n_out: usize,
+    /// Its first random weights lie within 1/sqrt of this.
+    pub fan_in: usize,
     /// Offset of the first weight.
     pub at: usize,
 }
@@ -37,7 +39,12 @@ pub struct Layout {
 impl Layout {
     /// A place for an affine layer.
     pub fn linear(&mut self, name: impl core::convert::Into<String>, n_in: usize, n_out: usize) -> Linear {
-        let linear = Linear { n_in, n_out, at: self.len };
+        self.conv(name, n_in, n_out, n_in)
+    }
+
+    /// The same with another bound of its first random weights, as transposed convolutions have it.
+    pub fn conv(&mut self, name: impl core::convert::Into<String>, n_in: usize, n_out: usize, fan_in: usize) -> Linear {
+        let linear = Linear { n_in, n_out, fan_in, at: self.len };
         self.len += linear.len();
         self.layers.push((name.into(), linear));
         linear
@@ -55,11 +62,11 @@ impl Layout {
         }
     }
 
-    /// Parameters drawn from U(-1/sqrt(n_in), 1/sqrt(n_in)), weights and biases alike.
+    /// Parameters drawn from U(-1/sqrt(fan_in), 1/sqrt(fan_in)), weights and biases alike.
     pub fn initialize<T: Real>(&self, rng: &mut Rng) -> Vec<T> {
         let mut arena = vec![T::nil(); self.len];
         for (_, linear) in &self.layers {
-            let bound = (1.0 / linear.n_in as f64).sqrt() as f32;
+            let bound = (1.0 / linear.fan_in as f64).sqrt() as f32;
             for p in &mut arena[linear.at..linear.at + linear.len()] {
                 *p = T::of(f64::from(noise::uniform(rng, -bound, bound)));
             }
@@ -150,6 +157,18 @@ pub fn add_bias<T: Real>(y: &mut [T], b: &[T], relu: bool) {
     );
 }
 
+/// x = max(x, 0).
+pub fn rectify<T: Real>(x: &mut [T]) {
+    vectorize(
+        #[inline(always)]
+        || {
+            for x in x {
+                *x = x.larger(T::nil());
+            }
+        },
+    );
+}
+
 /// Zeroes deltas where the ReLU put out nothing.
 pub fn mask<T: Real>(delta: &mut [T], out: &[T]) {
     vectorize(
@@ -198,7 +217,11 @@ pub struct Pass<T, const L: usize> {
 impl<T: Real, const L: usize> Pass<T, L> {
     /// Room for `samples` samples with `each` columns of the network.
     pub fn new(net: &Mlp<L>, samples: usize, each: usize) -> Self {
-        let widths = net.layers.map(|layer| layer.n_out * each);
+        Self::of_widths(net.layers.map(|layer| layer.n_out * each), samples)
+    }
+
+    /// Room for `samples` samples for which each layer puts out so many numbers.
+    pub fn of_widths(widths: [usize; L], samples: usize) -> Self {
         let room = || widths.map(|width| vec![T::nil(); width * samples]);
         Self { widths, out: room(), delta: room() }
     }

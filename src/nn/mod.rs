@@ -2,7 +2,9 @@
 
 pub mod adam;
 pub(crate) mod columns;
+pub mod conv;
 pub mod heads;
+mod lanes;
 pub mod mat;
 pub mod math;
 pub mod mlp;
@@ -17,5 +19,10 @@ pub use threads::{Threads, join};
 /// Runs a loop with the widest vectors the machine has. Element-wise loops give the same bits on each of them.
 #[inline(always)]
 pub fn vectorize<R>(body: impl FnOnce() -> R) -> R {
-    pulp::Arch::new().dispatch(body)
+    arch().dispatch(body)
+}
+
+/// The widest instruction set of this machine.
+pub(crate) fn arch() -> pulp::Arch {
+    pulp::Arch::new()
 }

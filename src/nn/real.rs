@@ -26,6 +26,7 @@ pub trait Real:
     + SubAssign
     + MulAssign
     + faer::traits::RealField
+    + super::lanes::Lanes
     + 'static
 {
     /// The nearest number of this kind.

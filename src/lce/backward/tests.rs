@@ -18,6 +18,7 @@ struct Case {
 impl Case {
     fn new() -> Self {
         let sizes = Sizes {
+            convolution: None,
             pixels: 17,
             latent: 2,
             action: 3,

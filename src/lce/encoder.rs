@@ -1,0 +1,244 @@
+//! E: picture -> Gaussian over z; fully connected, or convolutional for the paper's larger pictures.
+
+use super::model::Sizes;
+use crate::nn::{
+    Real,
+    columns::{Block, BlockMut, Cut},
+    conv::{Conv, Kernels, Lit, Resize, Shares, Stack, StackMut, StackPass},
+    mat::Into,
+    mlp::{Layout, Mlp, Pass, PassMut, mask},
+    pictures::{Pictures, Place},
+};
+
+/// Channels between convolutions (paper, appendix "Network Architectures").
+pub(super) const CHANNELS: usize = 32;
+
+/// Where the layers of E lie in the arena.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[allow(clippy::large_enum_variant, reason = "there is one of it in a model")]
+pub enum Encoder {
+    /// Two hidden layers.
+    Dense(Mlp<3>),
+    /// Four convolutions, of stride 1, 2, 2 and 2, then one hidden layer; ReLU after each.
+    Conv {
+        /// The first convolution.
+        lit: Lit,
+        /// The others.
+        stack: Stack<3>,
+        /// What follows.
+        dense: Mlp<2>,
+    },
+}
+
+/// What all samples of a step share.
+#[derive(Debug, Clone)]
+pub(super) enum Ready<T> {
+    /// W x_background + b of the first layer.
+    Dense(Vec<T>),
+    Conv(Vec<Kernels<T>>),
+}
+
+/// Buffers of a pass.
+#[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant, reason = "there is one of it in a workspace")]
+pub(super) enum EncoderPass<T> {
+    Dense(Pass<T, 3>),
+    Conv { stack: StackPass<T, 3>, flat: Block<T>, d_flat: Block<T>, dense: Pass<T, 2>, shares: Shares<T> },
+}
+
+/// Some samples of an [`EncoderPass`].
+pub(super) enum EncoderMut<'a, T> {
+    Dense(PassMut<'a, T, 3>),
+    Conv { stack: StackMut<'a, T, 3>, flat: BlockMut<'a, T>, d_flat: BlockMut<'a, T>, dense: PassMut<'a, T, 2> },
+}
+
+impl<T: Real> Cut for EncoderMut<'_, T> {
+    fn cut(self, samples: usize) -> (Self, Self) {
+        match self {
+            Self::Dense(pass) => {
+                let (left, right) = pass.cut(samples);
+                (Self::Dense(left), Self::Dense(right))
+            }
+            Self::Conv { stack, flat, d_flat, dense } => {
+                let (stack, flat, d_flat, dense) =
+                    (stack.cut(samples), flat.cut(samples), d_flat.cut(samples), dense.cut(samples));
+                (
+                    Self::Conv { stack: stack.0, flat: flat.0, d_flat: d_flat.0, dense: dense.0 },
+                    Self::Conv { stack: stack.1, flat: flat.1, d_flat: d_flat.1, dense: dense.1 },
+                )
+            }
+        }
+    }
+}
+
+impl<T: Real> EncoderPass<T> {
+    /// Room for `samples` samples of `each` pictures.
+    pub(super) fn new(net: &Encoder, samples: usize, each: usize) -> Self {
+        match net {
+            Encoder::Dense(mlp) => Self::Dense(Pass::new(mlp, samples, each)),
+            Encoder::Conv { lit, stack, dense } => Self::Conv {
+                stack: StackPass::new(stack, samples, each),
+                flat: Block::new(dense.layers[0].n_in * each, samples),
+                d_flat: Block::new(dense.layers[0].n_in * each, samples),
+                dense: Pass::new(dense, samples, each),
+                shares: stack.shares(lit.len()),
+            },
+        }
+    }
+
+    /// The first `samples` samples.
+    pub(super) fn view(&mut self, samples: usize) -> EncoderMut<'_, T> {
+        match self {
+            Self::Dense(pass) => EncoderMut::Dense(pass.view(samples)),
+            Self::Conv { stack, flat, d_flat, dense, .. } => EncoderMut::Conv {
+                stack: stack.view(samples),
+                flat: flat.view(samples),
+                d_flat: d_flat.view(samples),
+                dense: dense.view(samples),
+            },
+        }
+    }
+}
+
+impl<T: Real> EncoderMut<'_, T> {
+    /// The Gaussians over z, and the gradient with respect to them, to fill in.
+    pub(super) fn codes(&mut self) -> (&[T], &mut [T]) {
+        match self {
+            Self::Dense(pass) => (pass.out[2], pass.delta[2]),
+            Self::Conv { dense, .. } => (dense.out[1], dense.delta[1]),
+        }
+    }
+}
+
+impl Encoder {
+    pub(super) fn new(layout: &mut Layout, sizes: &Sizes) -> Self {
+        let codes = 2 * sizes.latent;
+        let Some([frames, rows, columns]) = sizes.convolution else {
+            return Self::Dense(layout.mlp("encoder", sizes.pixels, [sizes.encoder[0], sizes.encoder[1], codes]));
+        };
+        let lit = Lit::new(layout, "encoder.0", frames, [rows, columns], CHANNELS);
+        let [flat, hidden] = sizes.encoder;
+        let half = |[rows, columns]: [usize; 2]| [rows.div_ceil(2), columns.div_ceil(2)];
+        let (size_1, size_2) = (half([rows, columns]), half(half([rows, columns])));
+        let [last_rows, last_columns] = half(size_2);
+        let thin = flat / (last_rows * last_columns);
+        let down = |layout: &mut Layout, name, size, c_out| {
+            Conv::new(layout, name, size, [CHANNELS, c_out], Resize::Down(2), true)
+        };
+        let convs = [
+            down(layout, "encoder.1", [rows, columns], CHANNELS),
+            down(layout, "encoder.2", size_1, CHANNELS),
+            down(layout, "encoder.3", size_2, thin),
+        ];
+        Self::Conv { lit, stack: Stack { convs }, dense: layout.mlp("encoder.dense", flat, [hidden, codes]) }
+    }
+
+    /// What all samples of a step share, still to be filled in.
+    pub(super) fn ready<T: Real>(&self) -> Ready<T> {
+        match self {
+            Self::Dense(mlp) => Ready::Dense(vec![T::nil(); mlp.layers[0].n_out]),
+            Self::Conv { stack, .. } => Ready::Conv(stack.kernels()),
+        }
+    }
+
+    /// Fills it in; once a step.
+    pub(super) fn prepare<T: Real>(&self, arena: &[T], pictures: &Pictures, ready: &mut Ready<T>) {
+        match (self, ready) {
+            (Self::Dense(mlp), Ready::Dense(base)) => pictures.base(&mlp.layers[0], arena, base),
+            (Self::Conv { stack, .. }, Ready::Conv(kernels)) => stack.prepare(arena, kernels),
+            _ => unreachable!("made by another encoder"),
+        }
+    }
+
+    /// E(·|x) for the pictures `which`.
+    pub(super) fn forward<T: Real>(
+        &self,
+        arena: &[T],
+        ready: &Ready<T>,
+        (pictures, which): (&Pictures, &[u32]),
+        pass: &mut EncoderMut<'_, T>,
+    ) {
+        match (self, ready, pass) {
+            (Self::Dense(mlp), Ready::Dense(base), EncoderMut::Dense(pass)) => {
+                let place = Place { stride: mlp.layers[0].n_out, offset: 0 };
+                pictures.affine(&mlp.layers[0], arena, base, which, pass.out[0], place, true);
+                mlp.forward_from_second(arena, pass);
+            }
+            (
+                Self::Conv { lit, stack, dense },
+                Ready::Conv(kernels),
+                EncoderMut::Conv { stack: pass, flat, dense: dense_pass, .. },
+            ) => {
+                let first = &stack.convs[0];
+                stack.forward(kernels, pass, |i, input| lit.forward(arena, pictures, which[i], first, input));
+                let last = &stack.convs[2];
+                let width = dense.layers[0].n_in;
+                for (out, flat) in pass.layers.out[2].chunks_exact(last.width()).zip(flat.data.chunks_exact_mut(width))
+                {
+                    last.flatten(out, flat);
+                }
+                dense.forward(arena, flat.data, dense_pass);
+            }
+            _ => unreachable!("made by another encoder"),
+        }
+    }
+
+    /// Deltas of all layers from the gradient with respect to the Gaussians.
+    pub(super) fn backward<T: Real>(&self, arena: &[T], ready: &Ready<T>, pass: &mut EncoderMut<'_, T>) {
+        match (self, ready, pass) {
+            (Self::Dense(mlp), _, EncoderMut::Dense(pass)) => mlp.backward(arena, pass, None),
+            (
+                Self::Conv { stack, dense, .. },
+                Ready::Conv(kernels),
+                EncoderMut::Conv { stack: pass, flat, d_flat, dense: dense_pass },
+            ) => {
+                dense.backward(arena, dense_pass, Some(d_flat.data));
+                mask(d_flat.data, flat.data);
+                let last = &stack.convs[2];
+                let width = dense.layers[0].n_in;
+                let deltas = pass.layers.delta[2].chunks_exact_mut(last.width());
+                for (d_flat, delta) in d_flat.data.chunks_exact(width).zip(deltas) {
+                    last.unflatten(d_flat, delta);
+                }
+                stack.backward(kernels, pass, None::<fn(usize, &[T])>);
+            }
+            _ => unreachable!("made by another encoder"),
+        }
+    }
+
+    /// Sets the gradients of all weights over the whole batch.
+    pub(super) fn gradient<T: Real>(
+        &self,
+        threads: usize,
+        (arena, ready): (&[T], &Ready<T>),
+        gradient: &mut [T],
+        (pictures, which): (&Pictures, &[u32]),
+        pass: &mut EncoderPass<T>,
+        samples: usize,
+    ) {
+        match (self, ready, pass) {
+            (Self::Dense(mlp), _, EncoderPass::Dense(pass)) => {
+                let (first, pass) = (&mlp.layers[0], pass.view(samples));
+                let place = Place { stride: first.n_out, offset: 0 };
+                pictures.gradient(threads, first, gradient, which, pass.delta[0], place);
+                mlp.gradient_from_second(threads, gradient, Into::Replace, &pass);
+            }
+            (
+                Self::Conv { lit, stack, dense },
+                Ready::Conv(kernels),
+                EncoderPass::Conv { stack: pass, flat, dense: dense_pass, shares, .. },
+            ) => {
+                dense.gradient(threads, gradient, Into::Replace, flat.view(samples).data, &dense_pass.view(samples));
+                let first = &stack.convs[0];
+                let fill = |i: usize, input: &mut [T]| lit.forward(arena, pictures, which[i], first, input);
+                let rest = |i: usize, input: &[T], d_input: &mut [T], sums: &mut [T]| {
+                    lit.gradient((pictures, which[i]), first, input, d_input, sums);
+                };
+                let sums =
+                    stack.gradient(threads, kernels, &mut pass.view(samples), shares, gradient, &fill, Some(&rest));
+                gradient[lit.weights.at..][..lit.len()].copy_from_slice(sums);
+            }
+            _ => unreachable!("made by another encoder"),
+        }
+    }
+}

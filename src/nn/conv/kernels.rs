@@ -1,0 +1,209 @@
+//! The two loops of a convolution, over pictures that lie as rows of pixels of channels (NHWC) with their border of
+//! zeros in place.
+//!
+//! Every entry is one chain of fused multiply-adds, over taps and then channels or over pixels, so neither the size of
+//! a tile nor the instruction set changes a bit.
+
+use pulp::{Simd, WithSimd};
+
+use crate::nn::Real;
+
+/// Where a correlation reads and writes; everything is counted in entries.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Grid {
+    /// Rows and columns of outputs.
+    pub(super) rows: usize,
+    pub(super) columns: usize,
+    /// From one row or column of outputs to the next, in the input.
+    pub(super) in_row: usize,
+    pub(super) in_column: usize,
+    /// The same in the output, and where it begins.
+    pub(super) out_row: usize,
+    pub(super) out_column: usize,
+    pub(super) out_start: usize,
+    /// Where each tap reads, from an output's place in the input.
+    pub(super) taps: Vec<usize>,
+    /// Channels read and written, multiples of 16.
+    pub(super) c_in: usize,
+    pub(super) c_out: usize,
+}
+
+impl Grid {
+    /// Channels that one tile writes: weights of that many lie side by side.
+    fn block(&self) -> usize {
+        block(self.c_out)
+    }
+
+    /// Numbers in its packed weights.
+    pub(super) fn weights(&self) -> usize {
+        self.taps.len() * self.c_in * self.c_out
+    }
+
+    /// Where the weight of a tap lies in the packed weights \[block of outputs\]\[tap\]\[input\]\[output in block\].
+    pub(super) fn at(&self, tap: usize, input: usize, output: usize) -> usize {
+        let b = self.block();
+        ((output / b * self.taps.len() + tap) * self.c_in + input) * b + output % b
+    }
+}
+
+fn block(c_out: usize) -> usize {
+    if c_out.is_multiple_of(32) { 32 } else { 16 }
+}
+
+/// y\[pixel\]\[o\] = start\[o\] + Σ over taps and i of x\[pixel + tap\]\[i\] w\[tap\]\[i\]\[o\], then ReLU where asked.
+pub(super) fn correlate<T: Real>(grid: &Grid, w: &[T], start: &[T], relu: bool, x: &[T], y: &mut [T]) {
+    crate::nn::arch().dispatch(Correlate { grid, w, start, relu, x, y });
+}
+
+struct Correlate<'a, T> {
+    grid: &'a Grid,
+    w: &'a [T],
+    start: &'a [T],
+    relu: bool,
+    x: &'a [T],
+    y: &'a mut [T],
+}
+
+impl<T: Real> WithSimd for Correlate<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        // As many sums as registers hold: V vectors of channels for each of P pixels.
+        match T::count::<S>() {
+            16 if self.grid.block() == 32 => self.tiles::<S, 2, 10>(simd),
+            16 => self.tiles::<S, 1, 10>(simd),
+            8 => self.tiles::<S, 2, 5>(simd),
+            4 => self.tiles::<S, 4, 2>(simd),
+            _ => self.tiles::<S, 16, 1>(simd),
+        }
+    }
+}
+
+impl<T: Real> Correlate<'_, T> {
+    #[inline(always)]
+    fn tiles<S: Simd, const V: usize, const P: usize>(&mut self, simd: S) {
+        let (g, lanes) = (self.grid, T::count::<S>());
+        for channel in (0..g.c_out).step_by(V * lanes) {
+            for row in 0..g.rows {
+                let mut column = 0;
+                while column + P <= g.columns {
+                    self.tile::<S, V, P>(simd, channel, row, column);
+                    column += P;
+                }
+                while column < g.columns {
+                    self.tile::<S, V, 1>(simd, channel, row, column);
+                    column += 1;
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn tile<S: Simd, const V: usize, const P: usize>(&mut self, simd: S, channel: usize, row: usize, column: usize) {
+        let (g, lanes) = (self.grid, T::count::<S>());
+        let vectors = g.block() / lanes;
+        let first = channel % g.block() / lanes;
+        let start = T::cut::<S>(&self.start[channel..]);
+        let mut sums: [[T::V<S>; V]; P] = [std::array::from_fn(|v| start[v]); P];
+        let w = &self.w[g.at(0, 0, channel / g.block() * g.block())..];
+        let x = &self.x[row * g.in_row + column * g.in_column..];
+        for (&tap, w) in g.taps.iter().zip(w.chunks_exact(g.c_in * g.block())) {
+            let x: [&[T]; P] = std::array::from_fn(|p| &x[tap + p * g.in_column..][..g.c_in]);
+            let w = T::cut::<S>(w);
+            for i in 0..g.c_in {
+                let w = &w[i * vectors + first..][..V];
+                for p in 0..P {
+                    let x = T::splat(simd, x[p][i]);
+                    for v in 0..V {
+                        sums[p][v] = T::mul_add(simd, x, w[v], sums[p][v]);
+                    }
+                }
+            }
+        }
+        let y = &mut self.y[g.out_start + row * g.out_row + column * g.out_column + channel..];
+        let zero = T::splat(simd, T::nil());
+        for p in 0..P {
+            let y = &mut T::cut_mut::<S>(&mut y[p * g.out_column..])[..V];
+            for v in 0..V {
+                y[v] = if self.relu { T::max(simd, sums[p][v], zero) } else { sums[p][v] };
+            }
+        }
+    }
+}
+
+/// dw\[tap\]\[i\]\[o\] += Σ over pixels of x\[pixel + tap\]\[i\] dy\[pixel\]\[o\].
+pub(super) fn accumulate<T: Real>(grid: &Grid, x: &[T], dy: &[T], dw: &mut [T]) {
+    crate::nn::arch().dispatch(Accumulate { grid, x, dy, dw });
+}
+
+struct Accumulate<'a, T> {
+    grid: &'a Grid,
+    x: &'a [T],
+    dy: &'a [T],
+    dw: &'a mut [T],
+}
+
+impl<T: Real> WithSimd for Accumulate<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        match T::count::<S>() {
+            16 if self.grid.block() == 32 => self.rows::<S, 2, 8>(simd),
+            16 => self.rows::<S, 1, 8>(simd),
+            8 => self.rows::<S, 2, 4>(simd),
+            4 => self.rows::<S, 4, 2>(simd),
+            _ => self.rows::<S, 16, 1>(simd),
+        }
+    }
+}
+
+impl<T: Real> Accumulate<'_, T> {
+    /// Row by row, so that what is read stays in the nearest cache.
+    #[inline(always)]
+    fn rows<S: Simd, const V: usize, const I: usize>(&mut self, simd: S) {
+        let (g, lanes) = (self.grid, T::count::<S>());
+        for row in 0..g.rows {
+            for tap in 0..g.taps.len() {
+                for channel in (0..g.c_out).step_by(V * lanes) {
+                    for input in (0..g.c_in).step_by(I) {
+                        self.tile::<S, V, I>(simd, row, tap, channel, input);
+                    }
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn tile<S: Simd, const V: usize, const I: usize>(
+        &mut self,
+        simd: S,
+        row: usize,
+        tap: usize,
+        channel: usize,
+        input: usize,
+    ) {
+        let (g, lanes) = (self.grid, T::count::<S>());
+        let vectors = g.block() / lanes;
+        let dw = T::cut_mut::<S>(&mut self.dw[g.at(tap, input, channel)..]);
+        let mut sums: [[T::V<S>; V]; I] = std::array::from_fn(|i| std::array::from_fn(|v| dw[i * vectors + v]));
+        let x = &self.x[row * g.in_row + g.taps[tap] + input..];
+        let dy = &self.dy[g.out_start + row * g.out_row + channel..];
+        for column in 0..g.columns {
+            let x = &x[column * g.in_column..][..I];
+            let dy = &T::cut::<S>(&dy[column * g.out_column..][..V * lanes])[..V];
+            for i in 0..I {
+                let x = T::splat(simd, x[i]);
+                for v in 0..V {
+                    sums[i][v] = T::mul_add(simd, x, dy[v], sums[i][v]);
+                }
+            }
+        }
+        for i in 0..I {
+            for v in 0..V {
+                dw[i * vectors + v] = sums[i][v];
+            }
+        }
+    }
+}
