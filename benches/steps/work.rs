@@ -1,0 +1,239 @@
+//! What is timed: training steps of the four tasks' models, an update of SAC, one decision.
+
+use carl_pipe::{
+    control::{
+        Agent,
+        agent::Whitening,
+        sac::{Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
+    },
+    lce::{
+        LceModel, Sizes,
+        model::background,
+        objective::Weights,
+        trainer::{BATCH, Data, Objective, Trainer},
+    },
+    nn::{
+        adam::{Adam, AdamSettings},
+        noise,
+    },
+    rng::Rng,
+};
+use rand::SeedableRng as _;
+
+/// All of them.
+pub(crate) const NAMES: [&str; 6] = ["planar", "swing_up", "cart_pole", "three_pole", "sac", "act"];
+
+/// Transitions in a set: more than fit the caches, as in training.
+const TRANSITIONS: usize = 1024;
+
+/// Something to be done over and over.
+pub(crate) struct Work {
+    step: Box<dyn FnMut() + Send>,
+    gflop: f64,
+}
+
+impl Work {
+    pub(crate) fn new(name: &str, threads: usize) -> Self {
+        match name {
+            "sac" => sac(threads),
+            "act" => act(),
+            _ => represent(sizes(name), threads),
+        }
+    }
+
+    pub(crate) fn step(&mut self) {
+        (self.step)();
+    }
+
+    /// Work of a step in units of 1e9 operations, a multiply-add counting as two.
+    pub(crate) fn gflop(&self) -> f64 {
+        self.gflop
+    }
+}
+
+/// The middle value.
+pub(crate) fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted[sorted.len() / 2]
+}
+
+fn sizes(name: &str) -> Sizes {
+    match name {
+        "planar" => Sizes::planar(),
+        "swing_up" => Sizes::swing_up(),
+        "cart_pole" => Sizes::cart_pole(),
+        "three_pole" => Sizes::three_pole(),
+        _ => panic!("no work `{name}`; there are {}", NAMES.join(", ")),
+    }
+}
+
+/// Pictures with as many lit pixels as the tasks have: a still background in planar, a moving bar elsewhere.
+fn pictures(sizes: &Sizes, count: usize, rng: &mut Rng) -> Vec<u8> {
+    let mut frames = vec![0; count * sizes.pixels];
+    let planar = sizes.pixels == 1600;
+    let (side, frames_each) = match sizes.pixels {
+        1600 => (40, 1),
+        4608 => (48, 2),
+        _ => (80, 2),
+    };
+    for frame in frames.chunks_exact_mut(side * side * frames_each).flat_map(|x| x.chunks_exact_mut(side * side)) {
+        let mut fill = |row: usize, column: usize, height: usize, width: usize| {
+            for r in row..row + height {
+                frame[r * side + column..r * side + column + width].fill(1);
+            }
+        };
+        if planar {
+            for (row, column) in [(18, 3), (18, 11), (18, 25), (18, 33), (8, 18), (28, 18)] {
+                fill(row, column, 5, 4);
+            }
+            fill(noise::index(rng, side - 2), noise::index(rng, side - 2), 2, 2);
+        } else {
+            let (length, width) = (side * 5 / 8, if side == 48 { 3 } else { 6 });
+            fill(noise::index(rng, side - length), noise::index(rng, side - width), length, width);
+        }
+    }
+    frames
+}
+
+fn model_and_data(sizes: Sizes) -> (LceModel, Data) {
+    let mut rng = Rng::seed_from_u64(1);
+    let frames = pictures(&sizes, 2 * TRANSITIONS, &mut rng);
+    let background = background(&frames, sizes.pixels);
+    let action_dim = sizes.action;
+    let actions = (0..TRANSITIONS * action_dim).map(|_| noise::uniform(&mut rng, -1.0, 1.0)).collect();
+    let model = LceModel::new(sizes, background, &mut rng);
+    let data = Data { pictures: model.pictures(&frames), actions, action_dim };
+    (model, data)
+}
+
+/// One step of CARL's loss, all terms, with Adam.
+fn represent(sizes: Sizes, threads: usize) -> Work {
+    let gflop = step_flop(&sizes) / 1e9;
+    let (model, data) = model_and_data(sizes);
+    let settings = AdamSettings { learning_rate: 5e-4, weight_decay: 1e-3 };
+    let adam = Adam::new(model.arena.len());
+    let mut trainer = Trainer::new(model, adam, settings);
+    let objective = Objective {
+        weights: Weights {
+            reconstruction: 1.0,
+            consistency: 8.0,
+            curvature: 1.0,
+            encode_decode: 0.01,
+            prior: 0.0,
+            deterministic: 0.3,
+            regularizer: 0.0,
+            anchor: 3.0,
+        },
+        curvature_sigma: 0.1,
+        anchor_scale: 1.0,
+        guidance: None,
+        regularizer: None,
+    };
+    let mut rng = Rng::seed_from_u64(2);
+    let mut which = [0_u32; BATCH];
+    let step = move || {
+        which.fill_with(|| noise::index(&mut rng, TRANSITIONS) as u32);
+        std::hint::black_box(trainer.step(threads, &data, &which, &objective, &mut rng));
+    };
+    Work { step: Box::new(step), gflop }
+}
+
+/// Multiply-adds of dense layers, from the width of the input to that of the output.
+fn dense(widths: &[usize]) -> f64 {
+    widths.windows(2).map(|pair| (pair[0] * pair[1]) as f64).sum()
+}
+
+/// Operations of a step: forward, gradients of weights, and gradients of inputs where there are parameters before them.
+fn step_flop(sizes: &Sizes) -> f64 {
+    let codes = 2 * sizes.latent;
+    let conv =
+        |side: usize, channels_in: usize, channels_out: usize| (25 * side * side * channels_in * channels_out) as f64;
+    let (encoder, first, decoder) = if let Some([frames, side, _]) = sizes.convolution {
+        let first = conv(side, frames, 32);
+        let others = conv(side / 2, 32, 32) + conv(side / 4, 32, 32) + conv(side / 8, 32, 10);
+        let up = conv(side / 8, 10, 32) + conv(side / 4, 32, 32) + conv(side / 2, 32, 32) + conv(side, 32, frames);
+        let [flat, hidden] = sizes.encoder;
+        (
+            first + others + dense(&[flat, hidden, codes]),
+            first,
+            up + dense(&[sizes.latent, sizes.decoder[0], sizes.decoder[1]]),
+        )
+    } else {
+        let [e0, e1] = sizes.encoder;
+        let [d0, d1] = sizes.decoder;
+        (
+            dense(&[sizes.pixels, e0, e1, codes]),
+            dense(&[sizes.pixels, e0]),
+            dense(&[sizes.latent, d0, d1, sizes.pixels]),
+        )
+    };
+    let [n_z, n_u, n_x, joint] = sizes.backward;
+    let see = dense(&[sizes.pixels, n_x]);
+    let backward =
+        see + dense(&[n_z + n_u + n_x, joint, codes]) + dense(&[sizes.latent, n_z]) + dense(&[sizes.action, n_u]);
+    let [f0, f1] = sizes.dynamics;
+    let dynamics = dense(&[sizes.latent + sizes.action, f0, f1, codes]);
+    let each = 2.0 * (3.0 * encoder - first) + 3.0 * 3.0 * decoder + 3.0 * backward - see + 5.0 * 3.0 * dynamics;
+    2.0 * BATCH as f64 * each
+}
+
+/// One update of SAC, k = 5.
+fn sac(threads: usize) -> Work {
+    let (model, data) = model_and_data(Sizes::planar());
+    let (n, a) = (model.sizes.latent, model.sizes.action);
+    let codes = Codes {
+        data: model.encode(&data.pictures),
+        actions: data.actions.repeat(2),
+        goals: model.encode_means(&data.pictures)[..3 * n].to_vec(),
+    };
+    let (model, codes) = (Box::leak(Box::new(model)), Box::leak(Box::new(codes)));
+    let mut rng = Rng::seed_from_u64(3);
+    let means: Vec<f32> = codes.data.chunks_exact(2 * n).flat_map(|code| &code[..n]).copied().collect();
+    let agent = Agent::new(n, a, Whitening::of(&means, n), 0.1, &mut rng);
+    // The preset `recipe`.
+    let settings = Sac {
+        discount: 0.99,
+        rollout: 5,
+        bootstrap: false,
+        target_rate: 0.005,
+        acting_rate: 0.005,
+        actor_learning_rate: 5e-4,
+        critic_learning_rate: 1e-3,
+        temperature: Temperature::Tuned,
+        temperature_learning_rate: 1e-3,
+        reward: Reward::Distance,
+        relabel: 0.5,
+        critic_actions: CriticActions::Uniform,
+        buffer: 1_000_000,
+    };
+    let rollout = settings.rollout as f64;
+    let actor = dense(&[2 * n, 256, 256, 2 * a]);
+    let critic = dense(&[2 * n + a, 256, 256, 1]);
+    let [f0, f1] = model.sizes.dynamics;
+    let dynamics = dense(&[n + a, f0, f1, 2 * n]);
+    let regression = 2.0 * 3.0 * critic;
+    let improvement = 3.0 * actor + 2.0 * 2.0 * critic;
+    let targets = rollout * (actor + dynamics);
+    let mut trainer = SacTrainer::new(agent, model, codes, settings);
+    let step = move || {
+        std::hint::black_box(trainer.step(threads, 1.0, &mut rng));
+    };
+    Work { step: Box::new(step), gflop: 2.0 * BATCH as f64 * (targets + regression + improvement) / 1e9 }
+}
+
+/// Encoder and policy on one observation of planar.
+fn act() -> Work {
+    let (model, data) = model_and_data(Sizes::planar());
+    let (n, a) = (model.sizes.latent, model.sizes.action);
+    let mut rng = Rng::seed_from_u64(3);
+    let agent = Agent::new(n, a, Whitening::identity(n), 0.1, &mut rng);
+    let goal = model.encode_means(&data.pictures)[..n].to_vec();
+    let frames = pictures(&model.sizes, 1, &mut rng);
+    let gflop = 2.0 * (dense(&[1600, 300, 300, 2 * n]) + dense(&[2 * n, 256, 256, 2 * a])) / 1e9;
+    let step = move || {
+        let z = model.encode_means(&model.pictures(&frames));
+        std::hint::black_box(agent.act(&z, &goal, None));
+    };
+    Work { step: Box::new(step), gflop }
+}
