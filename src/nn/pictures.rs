@@ -3,7 +3,9 @@
 //! Pictures of a task share their background, and an agent covers a few pixels of it: `W x` is then `W x_reference` plus
 //! a handful of columns of W. This is exact, not an approximation, and an order of magnitude less work.
 
-use super::{Real, join, mlp::Linear, vectorize};
+use pulp::{Simd, WithSimd};
+
+use super::{Real, arch, join, mlp::Linear, vectorize};
 
 /// Pictures of one size with values 0 and 1.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -51,8 +53,19 @@ impl Pictures {
     }
 
     fn changes(&self, picture: u32) -> impl Iterator<Item = (usize, bool)> + Clone + '_ {
-        let range = self.starts[picture as usize] as usize..self.starts[picture as usize + 1] as usize;
-        self.changes[range].iter().map(|&change| ((change / 2) as usize, change % 2 == 0))
+        self.raw_changes(picture).iter().map(|&change| ((change / 2) as usize, change % 2 == 0))
+    }
+
+    /// Its entries of `changes`, by rising pixel.
+    fn raw_changes(&self, picture: u32) -> &[u32] {
+        &self.changes[self.starts[picture as usize] as usize..self.starts[picture as usize + 1] as usize]
+    }
+
+    /// The same for some of the pixels.
+    fn changes_at(&self, picture: u32, pixels: std::ops::Range<usize>) -> &[u32] {
+        let changes = self.raw_changes(picture);
+        let before = |pixel: usize| changes.partition_point(|&change| ((change / 2) as usize) < pixel);
+        &changes[before(pixels.start)..before(pixels.end)]
     }
 
     /// The pixels that are lit in a picture.
@@ -84,22 +97,10 @@ impl Pictures {
         base: &[T],
         which: &[u32],
         y: &mut [T],
-        Place { stride, offset }: Place,
+        place: Place,
         relu: bool,
     ) {
-        let w = layer.w(arena);
-        for (&picture, y) in which.iter().zip(y.chunks_exact_mut(stride)) {
-            let y = &mut y[offset..offset + layer.n_out];
-            y.copy_from_slice(base);
-            for (pixel, lit) in self.changes(picture) {
-                add(y, column(layer, w, pixel), if lit { T::unit() } else { -T::unit() });
-            }
-            if relu {
-                for y in y {
-                    *y = y.larger(T::nil());
-                }
-            }
-        }
+        arch().dispatch(Affine { pictures: self, layer, w: layer.w(arena), base, which, y, place, relu });
     }
 
     /// Sets dW = Σ dy xᵀ and db = Σ dy over the pictures `which`; deltas lie as outputs do in [`Pictures::affine`].
@@ -144,19 +145,160 @@ impl Pictures {
             );
             return;
         }
-        for (pixel, dw) in dw.chunks_exact_mut(layer.n_out).enumerate() {
-            if self.reference[first + pixel] {
-                dw.copy_from_slice(db);
+        arch().dispatch(WeightGradient { pictures: self, n_out: layer.n_out, dw, db, which, dy, place, first });
+    }
+}
+
+/// Vectors of outputs that a loop over changes keeps in registers. A block of columns this wide stays in the cache next
+/// to the nearest.
+const VECTORS: usize = 4;
+
+/// Cuts `width` into runs of `VECTORS` vectors, of one vector, and of single entries; calls `$run` with where each begins.
+macro_rules! in_runs {
+    ($self:ident, $simd:ident, $width:expr, $lanes:expr) => {{
+        let (width, lanes) = ($width, $lanes);
+        let mut at = 0;
+        while at + VECTORS * lanes <= width {
+            $self.run::<S, VECTORS>($simd, at);
+            at += VECTORS * lanes;
+        }
+        while at + lanes <= width {
+            $self.run::<S, 1>($simd, at);
+            at += lanes;
+        }
+        $self.rest(at);
+    }};
+}
+
+struct Affine<'a, T> {
+    pictures: &'a Pictures,
+    layer: &'a Linear,
+    w: &'a [T],
+    base: &'a [T],
+    which: &'a [u32],
+    y: &'a mut [T],
+    place: Place,
+    relu: bool,
+}
+
+impl<T: Real> WithSimd for Affine<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        in_runs!(self, simd, self.layer.n_out, T::count::<S>());
+    }
+}
+
+impl<T: Real> Affine<'_, T> {
+    #[inline(always)]
+    fn run<S: Simd, const V: usize>(&mut self, simd: S, at: usize) {
+        let (n_out, lanes) = (self.layer.n_out, T::count::<S>());
+        let base = T::cut::<S>(&self.base[at..at + V * lanes]);
+        let signs = [T::splat(simd, T::unit()), T::splat(simd, -T::unit())];
+        let zero = T::splat(simd, T::nil());
+        for (&picture, y) in self.which.iter().zip(self.y.chunks_exact_mut(self.place.stride)) {
+            let mut sums: [T::V<S>; V] = std::array::from_fn(|v| base[v]);
+            for &change in self.pictures.raw_changes(picture) {
+                let w = T::cut::<S>(&self.w[(change / 2) as usize * n_out + at..][..V * lanes]);
+                for v in 0..V {
+                    sums[v] = T::mul_add(simd, signs[(change % 2) as usize], w[v], sums[v]);
+                }
+            }
+            let y = T::cut_mut::<S>(&mut y[self.place.offset + at..][..V * lanes]);
+            for v in 0..V {
+                y[v] = if self.relu { T::max(simd, sums[v], zero) } else { sums[v] };
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn rest(&mut self, at: usize) {
+        let n_out = self.layer.n_out;
+        for (&picture, y) in self.which.iter().zip(self.y.chunks_exact_mut(self.place.stride)) {
+            let y = &mut y[self.place.offset..][at..n_out];
+            y.copy_from_slice(&self.base[at..]);
+            for (pixel, lit) in self.pictures.changes(picture) {
+                for (y, &w) in y.iter_mut().zip(&self.w[pixel * n_out + at..]) {
+                    *y = if lit { *y + w } else { *y - w };
+                }
+            }
+            if self.relu {
+                for y in y {
+                    *y = y.larger(T::nil());
+                }
+            }
+        }
+    }
+}
+
+/// See [`Pictures::gradient`]: the columns of dW for the pixels from `first` on.
+struct WeightGradient<'a, T> {
+    pictures: &'a Pictures,
+    n_out: usize,
+    dw: &'a mut [T],
+    db: &'a [T],
+    which: &'a [u32],
+    dy: &'a [T],
+    place: Place,
+    first: usize,
+}
+
+impl<T: Real> WithSimd for WeightGradient<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        in_runs!(self, simd, self.n_out, T::count::<S>());
+    }
+}
+
+impl<T: Real> WeightGradient<'_, T> {
+    fn pixels(&self) -> std::ops::Range<usize> {
+        self.first..self.first + self.dw.len() / self.n_out
+    }
+
+    /// What every column starts from: the pixels lit in the reference are lit in all pictures but for the changes.
+    #[inline(always)]
+    fn start(&mut self, at: usize, len: usize) {
+        for (dw, &lit) in self.dw.chunks_exact_mut(self.n_out).zip(&self.pictures.reference[self.first..]) {
+            let dw = &mut dw[at..at + len];
+            if lit {
+                dw.copy_from_slice(&self.db[at..at + len]);
             } else {
                 dw.fill(T::nil());
             }
         }
-        for (&picture, dy) in which.iter().zip(dy.chunks_exact(place.stride)) {
-            let dy = &dy[place.offset..place.offset + layer.n_out];
-            for (pixel, lit) in self.changes(picture) {
-                if (first..first + pixels).contains(&pixel) {
-                    let dw = &mut dw[(pixel - first) * layer.n_out..][..layer.n_out];
-                    add(dw, dy, if lit { T::unit() } else { -T::unit() });
+    }
+
+    #[inline(always)]
+    fn run<S: Simd, const V: usize>(&mut self, simd: S, at: usize) {
+        let (pictures, lanes) = (self.pictures, T::count::<S>());
+        let signs = [T::splat(simd, T::unit()), T::splat(simd, -T::unit())];
+        self.start(at, V * lanes);
+        for (&picture, dy) in self.which.iter().zip(self.dy.chunks_exact(self.place.stride)) {
+            let dy = T::cut::<S>(&dy[self.place.offset + at..][..V * lanes]);
+            let dy: [T::V<S>; V] = std::array::from_fn(|v| dy[v]);
+            for &change in pictures.changes_at(picture, self.pixels()) {
+                let pixel = (change / 2) as usize - self.first;
+                let dw = T::cut_mut::<S>(&mut self.dw[pixel * self.n_out + at..][..V * lanes]);
+                for v in 0..V {
+                    dw[v] = T::mul_add(simd, signs[(change % 2) as usize], dy[v], dw[v]);
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn rest(&mut self, at: usize) {
+        let (pictures, n_out) = (self.pictures, self.n_out);
+        self.start(at, n_out - at);
+        for (&picture, dy) in self.which.iter().zip(self.dy.chunks_exact(self.place.stride)) {
+            let dy = &dy[self.place.offset..][at..n_out];
+            for &change in pictures.changes_at(picture, self.pixels()) {
+                let pixel = (change / 2) as usize - self.first;
+                for (dw, &dy) in self.dw[pixel * n_out..][at..n_out].iter_mut().zip(dy) {
+                    *dw = if change % 2 == 0 { *dw + dy } else { *dw - dy };
                 }
             }
         }
