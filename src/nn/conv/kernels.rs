@@ -69,30 +69,42 @@ impl<T: Real> WithSimd for Correlate<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        // As many sums as registers hold: V vectors of channels for each of P pixels.
-        match T::count::<S>() {
-            16 if self.grid.block() == 32 => self.tiles::<S, 2, 10>(simd),
-            16 => self.tiles::<S, 1, 10>(simd),
-            8 => self.tiles::<S, 2, 5>(simd),
-            4 => self.tiles::<S, 4, 2>(simd),
-            _ => self.tiles::<S, 16, 1>(simd),
+        match (self.grid.in_column, self.grid.c_in) {
+            (16, 16) => self.pixels::<S, 16, 16>(simd),
+            (32, 32) => self.pixels::<S, 32, 32>(simd),
+            (64, 32) => self.pixels::<S, 64, 32>(simd),
+            (128, 128) => self.pixels::<S, 128, 128>(simd),
+            (step, c_in) => unreachable!("no kernel for {c_in} channels {step} apart"),
         }
     }
 }
 
 impl<T: Real> Correlate<'_, T> {
+    /// With distances that are constants, so that a tile needs no more than one address for all of its pixels.
     #[inline(always)]
-    fn tiles<S: Simd, const V: usize, const P: usize>(&mut self, simd: S) {
+    fn pixels<S: Simd, const STEP: usize, const C_IN: usize>(&mut self, simd: S) {
+        // As many sums as registers hold: V vectors of channels for each of P pixels.
+        match T::count::<S>() {
+            16 if self.grid.block() == 32 => self.tiles::<S, STEP, C_IN, 2, 10>(simd),
+            16 => self.tiles::<S, STEP, C_IN, 1, 10>(simd),
+            8 => self.tiles::<S, STEP, C_IN, 2, 5>(simd),
+            4 => self.tiles::<S, STEP, C_IN, 4, 2>(simd),
+            _ => self.tiles::<S, STEP, C_IN, 16, 1>(simd),
+        }
+    }
+
+    #[inline(always)]
+    fn tiles<S: Simd, const STEP: usize, const C_IN: usize, const V: usize, const P: usize>(&mut self, simd: S) {
         let (g, lanes) = (self.grid, T::count::<S>());
         for channel in (0..g.c_out).step_by(V * lanes) {
             for row in 0..g.rows {
                 let mut column = 0;
                 while column + P <= g.columns {
-                    self.tile::<S, V, P>(simd, channel, row, column);
+                    self.tile::<S, STEP, C_IN, V, P>(simd, channel, row, column);
                     column += P;
                 }
                 while column < g.columns {
-                    self.tile::<S, V, 1>(simd, channel, row, column);
+                    self.tile::<S, STEP, C_IN, V, 1>(simd, channel, row, column);
                     column += 1;
                 }
             }
@@ -100,19 +112,26 @@ impl<T: Real> Correlate<'_, T> {
     }
 
     #[inline(always)]
-    fn tile<S: Simd, const V: usize, const P: usize>(&mut self, simd: S, channel: usize, row: usize, column: usize) {
+    fn tile<S: Simd, const STEP: usize, const C_IN: usize, const V: usize, const P: usize>(
+        &mut self,
+        simd: S,
+        channel: usize,
+        row: usize,
+        column: usize,
+    ) {
         let (g, lanes) = (self.grid, T::count::<S>());
-        let vectors = g.block() / lanes;
+        // The same where a tile is as wide as a block, which vectors of 16 make it.
+        let vectors = if lanes == 16 { V } else { g.block() / lanes };
         let first = channel % g.block() / lanes;
         let start = T::cut::<S>(&self.start[channel..]);
         let mut sums: [[T::V<S>; V]; P] = [std::array::from_fn(|v| start[v]); P];
         let w = &self.w[g.at(0, 0, channel / g.block() * g.block())..];
-        let x = &self.x[row * g.in_row + column * g.in_column..];
-        for (&tap, w) in g.taps.iter().zip(w.chunks_exact(g.c_in * g.block())) {
-            let x: [&[T]; P] = std::array::from_fn(|p| &x[tap + p * g.in_column..][..g.c_in]);
-            let w = T::cut::<S>(w);
-            for i in 0..g.c_in {
-                let w = &w[i * vectors + first..][..V];
+        let x = &self.x[row * g.in_row + column * STEP..];
+        for (&tap, w) in g.taps.iter().zip(w.chunks_exact(C_IN * g.block())) {
+            let x: &[[T; STEP]; P] = x[tap..].as_chunks::<STEP>().0.first_chunk().expect("a tile within the picture");
+            let w = &T::cut::<S>(w)[first..];
+            for (i, w) in (0..C_IN).zip(w.chunks(vectors)) {
+                let w = &w[..V];
                 for p in 0..P {
                     let x = T::splat(simd, x[p][i]);
                     for v in 0..V {
@@ -149,26 +168,37 @@ impl<T: Real> WithSimd for Accumulate<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        match T::count::<S>() {
-            16 if self.grid.block() == 32 => self.rows::<S, 2, 8>(simd),
-            16 => self.rows::<S, 1, 8>(simd),
-            8 => self.rows::<S, 2, 4>(simd),
-            4 => self.rows::<S, 4, 2>(simd),
-            _ => self.rows::<S, 16, 1>(simd),
+        match (self.grid.in_column, self.grid.out_column) {
+            (16, 32) => self.pixels::<S, 16, 32>(simd),
+            (32, 128) => self.pixels::<S, 32, 128>(simd),
+            (64, 16) => self.pixels::<S, 64, 16>(simd),
+            (64, 32) => self.pixels::<S, 64, 32>(simd),
+            (step, c_out) => unreachable!("no kernel for inputs {step} and outputs {c_out} apart"),
         }
     }
 }
 
 impl<T: Real> Accumulate<'_, T> {
+    #[inline(always)]
+    fn pixels<S: Simd, const STEP: usize, const C_OUT: usize>(&mut self, simd: S) {
+        match T::count::<S>() {
+            16 if self.grid.block() == 32 => self.rows::<S, STEP, C_OUT, 2, 8>(simd),
+            16 => self.rows::<S, STEP, C_OUT, 1, 8>(simd),
+            8 => self.rows::<S, STEP, C_OUT, 2, 4>(simd),
+            4 => self.rows::<S, STEP, C_OUT, 4, 2>(simd),
+            _ => self.rows::<S, STEP, C_OUT, 16, 1>(simd),
+        }
+    }
+
     /// Row by row, so that what is read stays in the nearest cache.
     #[inline(always)]
-    fn rows<S: Simd, const V: usize, const I: usize>(&mut self, simd: S) {
+    fn rows<S: Simd, const STEP: usize, const C_OUT: usize, const V: usize, const I: usize>(&mut self, simd: S) {
         let (g, lanes) = (self.grid, T::count::<S>());
         for row in 0..g.rows {
             for tap in 0..g.taps.len() {
                 for channel in (0..g.c_out).step_by(V * lanes) {
                     for input in (0..g.c_in).step_by(I) {
-                        self.tile::<S, V, I>(simd, row, tap, channel, input);
+                        self.tile::<S, STEP, C_OUT, V, I>(simd, row, tap, channel, input);
                     }
                 }
             }
@@ -176,7 +206,7 @@ impl<T: Real> Accumulate<'_, T> {
     }
 
     #[inline(always)]
-    fn tile<S: Simd, const V: usize, const I: usize>(
+    fn tile<S: Simd, const STEP: usize, const C_OUT: usize, const V: usize, const I: usize>(
         &mut self,
         simd: S,
         row: usize,
@@ -189,10 +219,11 @@ impl<T: Real> Accumulate<'_, T> {
         let dw = T::cut_mut::<S>(&mut self.dw[g.at(tap, input, channel)..]);
         let mut sums: [[T::V<S>; V]; I] = std::array::from_fn(|i| std::array::from_fn(|v| dw[i * vectors + v]));
         let x = &self.x[row * g.in_row + g.taps[tap] + input..];
-        let dy = &self.dy[g.out_start + row * g.out_row + channel..];
-        for column in 0..g.columns {
-            let x = &x[column * g.in_column..][..I];
-            let dy = &T::cut::<S>(&dy[column * g.out_column..][..V * lanes])[..V];
+        // Chunks begin at the tile's own channels; what is left after the last pixel's may be short of a chunk.
+        let dy = self.dy[row * g.out_row..][..g.columns * C_OUT].as_chunks::<C_OUT>().0;
+        let x = x[..(g.columns - 1) * STEP + I].chunks(STEP);
+        for (x, dy) in x.zip(dy) {
+            let (x, dy) = (&x[..I], &T::cut::<S>(&dy[channel..channel + V * lanes])[..V]);
             for i in 0..I {
                 let x = T::splat(simd, x[i]);
                 for v in 0..V {

@@ -217,7 +217,8 @@ impl Conv {
     }
 
     fn padded_len(&self) -> usize {
-        self.padded[0] * self.padded[1] * self.forward.c_in
+        // One step more, so that the last pixel too begins a whole one.
+        self.padded[0] * self.padded[1] * self.forward.c_in + self.forward.in_column
     }
 
     fn delta_padded_len(&self) -> usize {
