@@ -90,7 +90,7 @@ const ONLY: &[(&str, &str, &[&str])] = &[
     ("env", "nn", &["noise"]),
     ("engine", "nn", &["Threads"]),
     ("engine", "env", &["Task"]),
-    ("pipeline", "env", &["Task"]),
+    ("pipeline", "env", &["RefusedOption", "Task"]),
     ("artifact", "control", &["Agent", "agent", "rollout"]),
 ];
 

@@ -43,6 +43,19 @@ impl Sizes {
             backward: [5, 5, 100, 100],
         }
     }
+
+    /// The paper's sizes for the pendulum.
+    pub fn swing_up() -> Self {
+        Self {
+            pixels: 4608,
+            latent: 3,
+            action: 1,
+            encoder: [500, 500],
+            decoder: [500, 500],
+            dynamics: [30, 30],
+            backward: [10, 10, 200, 200],
+        }
+    }
 }
 
 /// The networks: where each layer lies in the arena.

@@ -23,7 +23,7 @@ impl MapProbe {
         let env = task.open();
         let states = env.map_states();
         Self {
-            frames: states.iter().flat_map(|(state, _)| env.picture(state)).collect(),
+            frames: states.iter().flat_map(|(state, _)| env.observe(&env.before(state), state)).collect(),
             goals: env.goals().iter().flat_map(|goal| env.picture(goal)).collect(),
             grid: states.iter().map(|(_, cell)| cell.map(|i| i as u32)).collect(),
             places: states.iter().map(|(state, _)| env.place(state)).collect(),
