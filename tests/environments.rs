@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use carl_pipe::{
-    control::rollout,
+    control::rollout::{self, Episode},
     env::{Environment, Task},
     rng::Rng,
 };
@@ -184,6 +184,20 @@ fn oracles_reach_the_ceilings() {
         let ceiling = open(&task).ceiling().expect("a known ceiling");
         println!("{task}: {percent:.2} of {ceiling}");
         assert!((percent - ceiling).abs() < 0.5, "{task}: {percent}, not {ceiling}");
+    }
+}
+
+#[test]
+fn the_oracle_of_the_cart_pole_loses_nothing_from_within_the_goal() {
+    let mut rng = Rng::seed_from_u64(0);
+    for step in [0.02, 0.05] {
+        let env = open(&json!({ "env": "cart_pole", "step": step }));
+        for theta in [-PI / 10.0, 0.2, PI / 10.0] {
+            let episode = Episode { start: vec![theta, 0.0, 0.0, 0.0], goal: env.goals()[0].clone() };
+            let path = rollout::run_oracle(&*env, &episode, 201, &mut rng);
+            assert!(path.iter().all(|step| env.at_goal(&step.next, &episode.goal, PI / 10.0)), "from {theta}");
+            assert!(path.iter().all(|step| step.next[2].abs() < 2.4), "the cart stays in the picture");
+        }
     }
 }
 

@@ -358,6 +358,18 @@ fn the_probe_only_records(path: &str, tokens: &[String]) {
     }
 }
 
+/// The standard library's differ between machines, and a state decides which pixels are lit.
+#[test]
+fn sines_and_powers_of_environments_are_portable() {
+    let of_the_machine = ["sin", "cos", "sin_cos", "tan", "atan2", "exp", "ln", "powf", "powi", "hypot"];
+    for path in files(&source().join("env")) {
+        let tokens = tokens(&path);
+        for at in (1..tokens.len()).filter(|&at| of_the_machine.contains(&tokens[at].as_str())) {
+            assert!(!is(&tokens, at - 1, "."), "{}: write `libm::{}`", path.display(), tokens[at]);
+        }
+    }
+}
+
 #[test]
 fn transitions_hold_no_states() {
     let tokens = tokens(&source().join("artifact/transitions.rs"));

@@ -67,7 +67,10 @@ fn biased_sampling_shows_another_part_of_the_world() {
     assert!(sampled(json!({ "samples": 600 })) > 5);
     assert_eq!(sampled(json!({ "samples": 600, "region": "biased", "biased_share": 1.0 })), 0);
     // The preset takes each task's share from the paper.
-    assert_ne!(data("swing_up", json!({ "samples": 20 })), data("swing_up", json!({ "samples": 20, "region": "biased" })));
+    assert_ne!(
+        data("swing_up", json!({ "samples": 20 })),
+        data("swing_up", json!({ "samples": 20, "region": "biased" }))
+    );
 }
 
 #[test]
@@ -78,11 +81,13 @@ fn a_pendulum_is_learned_collected_and_measured() {
     let learn: &tiny::Inputs<'_> = &[("transitions", &[&bootstrap]), ("model", &[&model])];
     let agent = run("swing_up", "train_sac", json!({ "steps": 2 }), learn);
     let learned: &tiny::Inputs<'_> = &[("model", &[&model]), ("agent", &[&agent])];
-    let collected = Transitions::load(&run("swing_up", "collect", json!({ "samples": 9 }), learned)).expect("transitions");
+    let collected =
+        Transitions::load(&run("swing_up", "collect", json!({ "samples": 9 }), learned)).expect("transitions");
     let frames = frames(&collected);
     assert!(frames[0][0] == frames[0][1], "a start is at rest");
     assert!(frames.windows(2).all(|two| two[0][2..] == two[1][..2]), "steps follow each other");
-    let evaluation = Evaluation::load(&run("swing_up", "evaluate", json!({ "episodes": 1 }), learned)).expect("results");
+    let evaluation =
+        Evaluation::load(&run("swing_up", "evaluate", json!({ "episodes": 1 }), learned)).expect("results");
     assert_eq!((evaluation.horizon, evaluation.episodes[0].path.len()), (400, 402));
     run("swing_up", "export_latent_map", json!({}), &[("model", &[&model])]);
 }

@@ -140,8 +140,7 @@ fn equal_pictures_with_other_states_behind_them_train_to_the_same_bits() {
 #[test]
 fn velocities_are_hidden_behind_two_frames() {
     let pendulum = SwingUp { noise: 0.0, step: 0.05, torque: 0.65 };
-    let ((seen, states), (veiled, veiled_states)) =
-        (transitions(&pendulum, 20), transitions(&Veiled(pendulum), 20));
+    let ((seen, states), (veiled, veiled_states)) = (transitions(&pendulum, 20), transitions(&Veiled(pendulum), 20));
     assert!(states.iter().zip(&veiled_states).all(|(a, b)| a != b), "the hidden states differ");
     assert_eq!(seen, veiled);
 }

@@ -49,8 +49,7 @@ impl CartPole {
 fn slope(&[theta, omega, _, v]: &[f64; 4], force: f64) -> [f64; 4] {
     let (sin, cos) = (libm::sin(theta), libm::cos(theta));
     let push = force + POLE_MASS * LENGTH * omega * omega * sin;
-    let turning =
-        (MASS * GRAVITY * sin - cos * push) / (4.0 / 3.0 * MASS * LENGTH - POLE_MASS * LENGTH * cos * cos);
+    let turning = (MASS * GRAVITY * sin - cos * push) / (4.0 / 3.0 * MASS * LENGTH - POLE_MASS * LENGTH * cos * cos);
     [omega, turning, v, (push - POLE_MASS * LENGTH * turning * cos) / MASS]
 }
 

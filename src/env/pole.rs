@@ -48,9 +48,7 @@ pub(super) fn share(value: f64, reach: f64) -> f32 {
 /// A grid of values over ±`reach[0]` (rows) and ±`reach[1]` (columns), with their cells.
 pub(super) fn grid(reach: [f64; 2], [rows, columns]: [usize; 2]) -> impl Iterator<Item = ([f64; 2], [usize; 2])> {
     let at = move |i: usize, count: usize, reach: f64| reach * (2.0 * i as f64 / (count - 1) as f64 - 1.0);
-    (0..rows).flat_map(move |r| {
-        (0..columns).map(move |c| ([at(r, rows, reach[0]), at(c, columns, reach[1])], [r, c]))
-    })
+    (0..rows).flat_map(move |r| (0..columns).map(move |c| ([at(r, rows, reach[0]), at(c, columns, reach[1])], [r, c])))
 }
 
 #[cfg(test)]

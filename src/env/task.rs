@@ -173,9 +173,7 @@ mod tests {
 
     #[test]
     fn every_environment_opens() {
-        for (env, action, frames) in
-            [("planar", 2, 1), ("swing_up", 1, 2), ("cart_pole", 1, 2), ("three_pole", 3, 2)]
-        {
+        for (env, action, frames) in [("planar", 2, 1), ("swing_up", 1, 2), ("cart_pole", 1, 2), ("three_pole", 3, 2)] {
             let task = task(json!({ "env": env }));
             assert!(task.check().is_empty());
             assert_eq!(task.env.word(), env);

@@ -290,3 +290,62 @@ impl Environment for ThreePole {
         (self.links == 3).then_some(62.17)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Energy of motion and height, computed link by link from where its weight is and how fast that moves.
+    fn energy(state: &State, links: usize) -> f64 {
+        let (mut joint, mut speed, mut angle, mut omega, mut energy) = ([0.0; 2], [0.0; 2], 0.0, 0.0, 0.0);
+        for joint_state in &state.as_chunks::<2>().0[..links] {
+            angle += joint_state[0];
+            omega += joint_state[1];
+            let (sin, cos) = (libm::sin(angle), libm::cos(angle));
+            let at = |along: f64| [joint[0] + along * sin, joint[1] + along * cos];
+            let moves = |along: f64| [speed[0] + along * omega * cos, speed[1] - along * omega * sin];
+            let (centre, velocity) = (at(CENTRE), moves(CENTRE));
+            // A rod turns about its middle with m l² / 12.
+            let turning = MASS * LENGTH * LENGTH / 12.0 * omega * omega;
+            energy += 0.5 * (MASS * (velocity[0] * velocity[0] + velocity[1] * velocity[1]) + turning);
+            energy += MASS * GRAVITY * centre[1];
+            (joint, speed) = (at(LENGTH), moves(LENGTH));
+        }
+        energy
+    }
+
+    #[test]
+    fn free_motion_keeps_its_energy() {
+        for links in [2, 3] {
+            let arm = ThreePole { noise: 0.0, step: 0.05, links };
+            let start: State =
+                if links == 2 { [0.4, 0.5, -0.3, 1.0, 0.0, 0.0] } else { [0.4, 0.5, -0.3, 1.0, 0.2, -0.8] };
+            let (mut state, mut farthest) = (start, 0.0_f64);
+            for _ in 0..1000 {
+                state = ode::after(|state| arm.slope(state, &[0.0; 3]), state, &[], 0.001);
+                farthest = farthest.max((energy(&state, links) - energy(&start, links)).abs());
+            }
+            assert!(farthest < 2e-4, "{links} links: {farthest}");
+            assert!(state.iter().zip(start).take(2 * links).all(|(a, b)| (a - b).abs() > 0.05), "it moves");
+        }
+    }
+
+    #[test]
+    fn a_torque_lowers_its_angle() {
+        for links in [2, 3] {
+            let arm = ThreePole { noise: 0.0, step: 0.05, links };
+            for joint in 0..links {
+                let mut torques = [0.0; 3];
+                torques[joint] = 0.1;
+                assert!(arm.slope(&[0.0; 6], &torques)[2 * joint + 1] < 0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn steps_are_shorter_close_to_upright() {
+        let arm = ThreePole { noise: 0.0, step: 0.05, links: 3 };
+        assert_eq!(arm.step_from(&[0.1, 0.0, 0.1, 0.0, 0.1, 0.0]), 0.02);
+        assert_eq!(arm.step_from(&[0.3, 0.0, 0.3, 0.0, 0.0, 0.0]), 0.05);
+    }
+}
