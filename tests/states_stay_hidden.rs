@@ -86,6 +86,9 @@ impl<E: Environment> Environment for Veiled<E> {
     fn place(&self, state: &[f64]) -> [f32; 2] {
         self.0.place(&unveil(state))
     }
+    fn coordinates(&self, state: &[f64]) -> Vec<f32> {
+        self.0.coordinates(&unveil(state))
+    }
     fn place_radius(&self, radius: f64) -> f32 {
         self.0.place_radius(radius)
     }

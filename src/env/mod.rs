@@ -68,6 +68,10 @@ pub trait Environment: Send + Sync {
     }
     /// A state's place in the unit square, for colours and trajectories.
     fn place(&self, state: &[f64]) -> [f32; 2];
+    /// What a perfect map is affine in: a state's place, or points of a circle where an angle turns around.
+    fn coordinates(&self, state: &[f64]) -> Vec<f32> {
+        self.place(state).to_vec()
+    }
     /// A radius of the goal as a length in the unit square.
     fn place_radius(&self, radius: f64) -> f32;
     /// Obstacles to draw beside trajectories: row, column and radius in the unit square.

@@ -120,6 +120,11 @@ impl Environment for SwingUp {
         [share(state[0], PI), share(state[1], MAX_OMEGA)]
     }
 
+    /// On a cylinder.
+    fn coordinates(&self, state: &[f64]) -> Vec<f32> {
+        [libm::cos(state[0]), libm::sin(state[0]), state[1] / MAX_OMEGA].map(|c| c as f32).to_vec()
+    }
+
     fn place_radius(&self, radius: f64) -> f32 {
         (radius / (2.0 * PI)) as f32
     }

@@ -101,7 +101,8 @@ impl Task {
             (EnvName::SwingUp, Some(step), Some(torque), _) => Box::new(SwingUp { noise, step, torque }),
             (EnvName::CartPole, Some(step), ..) => Box::new(CartPole { noise, step }),
             (EnvName::ThreePole, Some(step), _, Some(links)) => Box::new(ThreePole { noise, step, links }),
-            _ => Box::new(Planar { noise }),
+            (EnvName::Planar, ..) => Box::new(Planar { noise }),
+            (env, ..) => panic!("the options of `{}` are not written out", env.word()),
         }
     }
 

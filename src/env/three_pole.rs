@@ -69,46 +69,11 @@ impl ThreePole {
         if is_upright(state, CONE) { self.step / STEPS_IN_CONE } else { self.step }
     }
 
-    /// The Euler-Lagrange equations: the inertia times the accelerations balances torques, turning and gravity.
+    /// The Euler-Lagrange equations: inertia times acceleration balances torques, turning and gravity.
     fn slope(&self, state: &State, torques: &[f64; 3]) -> State {
         let n = self.links;
-        let (mut inertia, mut force) = ([[0.0; 3]; 3], [0.0; 3]);
-        let (mut angle, mut omega) = ([0.0; 3], [0.0; 3]);
-        let (mut total, mut total_omega) = (0.0, 0.0);
-        for i in 0..n {
-            total += state[2 * i];
-            total_omega += state[2 * i + 1];
-            (angle[i], omega[i]) = (total, total_omega);
-        }
-        // Of links against the upright, each with the weight of what hangs on it.
-        for i in 0..n {
-            let beyond = (n - 1 - i) as f64;
-            inertia[i][i] = MASS * LENGTH * LENGTH / 3.0 + beyond * MASS * LENGTH * LENGTH;
-            let lever = CENTRE + beyond * LENGTH;
-            force[i] += MASS * GRAVITY * lever * libm::sin(angle[i]);
-            let mut between = 0.0;
-            for j in (0..i).rev() {
-                between += state[2 * (j + 1)];
-                let coupling = MASS * LENGTH * lever;
-                inertia[i][j] = coupling * libm::cos(between);
-                inertia[j][i] = inertia[i][j];
-                let turning = coupling * libm::sin(between);
-                force[i] -= turning * omega[j] * omega[j];
-                force[j] += turning * omega[i] * omega[i];
-            }
-        }
-        // Of angles between links: each moves all links beyond it.
-        for i in (0..n - 1).rev() {
-            force[i] += force[i + 1];
-            for j in 0..n {
-                inertia[i][j] += inertia[i + 1][j];
-            }
-        }
-        for j in (0..n - 1).rev() {
-            for row in &mut inertia {
-                row[j] += row[j + 1];
-            }
-        }
+        let (mut inertia, mut force) = self.links_alone(state);
+        onto_joints(&mut inertia, &mut force, n);
         for i in 0..n {
             inertia[i][i] += RIDGE;
             force[i] -= torques[i];
@@ -121,6 +86,33 @@ impl ThreePole {
         slope
     }
 
+    /// Inertia, and what gravity and turning do, by the angles of the links against the upright.
+    fn links_alone(&self, state: &State) -> ([[f64; 3]; 3], [f64; 3]) {
+        let (mut inertia, mut force, mut omega) = ([[0.0; 3]; 3], [0.0; 3], [0.0; 3]);
+        let (mut angle, mut speed) = (0.0, 0.0);
+        for i in 0..self.links {
+            angle += state[2 * i];
+            speed += state[2 * i + 1];
+            omega[i] = speed;
+            // A link carries all links beyond it at its end.
+            let beyond = (self.links - 1 - i) as f64;
+            let lever = CENTRE + beyond * LENGTH;
+            inertia[i][i] = MASS * LENGTH * LENGTH * (1.0 / 3.0 + beyond);
+            force[i] += MASS * GRAVITY * lever * libm::sin(angle);
+            let coupling = MASS * LENGTH * lever;
+            let mut between = 0.0;
+            for j in (0..i).rev() {
+                between += state[2 * (j + 1)];
+                inertia[i][j] = coupling * libm::cos(between);
+                inertia[j][i] = inertia[i][j];
+                let turning = coupling * libm::sin(between);
+                force[i] -= turning * omega[j] * omega[j];
+                force[j] += turning * omega[i] * omega[i];
+            }
+        }
+        (inertia, force)
+    }
+
     fn state_of(&self, angles: [f64; 3]) -> Vec<f64> {
         angles[..self.links].iter().flat_map(|&angle| [angle, 0.0]).collect()
     }
@@ -131,10 +123,25 @@ impl ThreePole {
         let mut cost = 0.0;
         for action in plan.chunks_exact(self.links) {
             state = self.dynamics(&state, action);
-            let lean = against_upright(&state).map(|angle| 1.0 - libm::cos(angle)).sum::<f64>();
-            cost += lean + if is_upright(&state, CONE) { 0.0 } else { 1.0 };
+            let leaning = leans(&state).map(|angle| 1.0 - libm::cos(angle)).sum::<f64>();
+            cost += leaning + if is_upright(&state, CONE) { 0.0 } else { 1.0 };
         }
         cost
+    }
+}
+
+/// The same by the angles of the joints: each of them moves all links beyond it.
+fn onto_joints(inertia: &mut [[f64; 3]; 3], force: &mut [f64; 3], n: usize) {
+    for i in (0..n - 1).rev() {
+        force[i] += force[i + 1];
+        for j in 0..n {
+            inertia[i][j] += inertia[i + 1][j];
+        }
+    }
+    for row in inertia.iter_mut().take(n) {
+        for j in (0..n - 1).rev() {
+            row[j] += row[j + 1];
+        }
     }
 }
 
@@ -159,7 +166,7 @@ fn solve(mut a: [[f64; 3]; 3], mut b: [f64; 3], n: usize) -> [f64; 3] {
 }
 
 /// The angle of every link against the upright.
-fn against_upright(state: &[f64]) -> impl Iterator<Item = f64> {
+fn leans(state: &[f64]) -> impl Iterator<Item = f64> {
     state.iter().step_by(2).scan(0.0, |total, angle| {
         *total += angle;
         Some(*total)
@@ -168,7 +175,7 @@ fn against_upright(state: &[f64]) -> impl Iterator<Item = f64> {
 
 /// Whether every link is within `reach` of upright.
 fn is_upright(state: &[f64], reach: f64) -> bool {
-    against_upright(state).all(|angle| angle.abs() < reach)
+    leans(state).all(|angle| angle.abs() < reach)
 }
 
 impl Environment for ThreePole {
@@ -200,7 +207,7 @@ impl Environment for ThreePole {
         let mut canvas = Canvas::new(frame, SIDE);
         let length = (SIDE / 2) as f64 / self.links as f64 - 2.0;
         let mut joint = [(SIDE / 2) as f64; 2];
-        for angle in against_upright(state) {
+        for angle in leans(state) {
             let end = [joint[0] + length * libm::sin(angle), joint[1] - length * libm::cos(angle)];
             canvas.line(joint, end, 5);
             joint = end;
@@ -255,6 +262,11 @@ impl Environment for ThreePole {
 
     fn place(&self, state: &[f64]) -> [f32; 2] {
         [share(state[0], MAX_ANGLE[0]), share(state[2], MAX_ANGLE[1])]
+    }
+
+    /// The direction of every link.
+    fn coordinates(&self, state: &[f64]) -> Vec<f32> {
+        leans(state).flat_map(|angle| [libm::cos(angle) as f32, libm::sin(angle) as f32]).collect()
     }
 
     fn place_radius(&self, radius: f64) -> f32 {
