@@ -90,6 +90,8 @@ fn the_top_level() {
             ("unknown env", changed("env = \"planar\"", "env = \"planer\"")),
             ("unknown option of the task", changed("env = \"planar\"", "env = \"planar\"\nnois = 0.1")),
             ("option of the wrong type", changed("env = \"planar\"", "env = \"planar\"\nnoise = \"loud\"")),
+            ("option of another task", changed("env = \"planar\"", "env = \"planar\"\ntorque = 1.0")),
+            ("options out of range", changed("env = \"planar\"", "env = \"swing_up\"\nnoise = -1\nstep = 3.0")),
         ],
     );
 }

@@ -9,7 +9,7 @@ use carl_pipe::{
         rollout::{self, Acting, Episode, Unstick},
         sac::Codes,
     },
-    env::{Environment, Planar},
+    env::{Environment, Oracle, Planar, SwingUp},
     lce::trainer::Data,
     record::{At, Recorder},
     rng::Rng,
@@ -19,9 +19,9 @@ use rand::SeedableRng as _;
 use safetensors::{Dtype, SafeTensors};
 use serde_json::json;
 
-/// The planar system in other coordinates: what is hidden differs, what is seen does not. Powers of two keep every
-/// coordinate exact.
-struct Veiled(Planar);
+/// A task in other coordinates: what is hidden differs, what is seen does not. Powers of two keep every coordinate
+/// exact.
+struct Veiled<E>(E);
 
 const VEIL: f64 = 64.0;
 
@@ -34,11 +34,14 @@ fn unveil(state: &[f64]) -> Vec<f64> {
     state.iter().rev().map(|x| x / VEIL).collect()
 }
 
-impl Environment for Veiled {
-    fn picture_size(&self) -> (usize, usize) {
-        self.0.picture_size()
+impl<E: Environment> Environment for Veiled<E> {
+    fn frame_size(&self) -> (usize, usize) {
+        self.0.frame_size()
     }
-    fn action_limit(&self) -> &'static [f64] {
+    fn frames(&self) -> usize {
+        self.0.frames()
+    }
+    fn action_limit(&self) -> &[f64] {
         self.0.action_limit()
     }
     fn latent_dim(&self) -> usize {
@@ -50,11 +53,17 @@ impl Environment for Veiled {
     fn step(&self, state: &[f64], action: &[f64], rng: &mut Rng) -> Vec<f64> {
         veil(&self.0.step(&unveil(state), action, rng))
     }
-    fn render(&self, state: &[f64], picture: &mut [u8]) {
-        self.0.render(&unveil(state), picture);
+    fn render(&self, state: &[f64], frame: &mut [u8]) {
+        self.0.render(&unveil(state), frame);
     }
     fn sample_state(&self, rng: &mut Rng) -> Vec<f64> {
         veil(&self.0.sample_state(rng))
+    }
+    fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Vec<f64> {
+        veil(&self.0.sample_biased(is_preferred, rng))
+    }
+    fn biased_share(&self) -> f64 {
+        self.0.biased_share()
     }
     fn sample_start(&self, rng: &mut Rng) -> Vec<f64> {
         veil(&self.0.sample_start(rng))
@@ -71,13 +80,26 @@ impl Environment for Veiled {
     fn map_states(&self) -> Vec<(Vec<f64>, [usize; 2])> {
         self.0.map_states().into_iter().map(|(state, cell)| (veil(&state), cell)).collect()
     }
+    fn before(&self, state: &[f64]) -> Vec<f64> {
+        veil(&self.0.before(&unveil(state)))
+    }
     fn place(&self, state: &[f64]) -> [f32; 2] {
         self.0.place(&unveil(state))
     }
-    fn ceiling(&self) -> f64 {
+    fn coordinates(&self, state: &[f64]) -> Vec<f32> {
+        self.0.coordinates(&unveil(state))
+    }
+    fn place_radius(&self, radius: f64) -> f32 {
+        self.0.place_radius(radius)
+    }
+    fn oracle(&self) -> Oracle<'_> {
+        let mut oracle = self.0.oracle();
+        Box::new(move |state, goal, rng| oracle(&unveil(state), &unveil(goal), rng))
+    }
+    fn ceiling(&self) -> Option<f64> {
         self.0.ceiling()
     }
-    fn paper_online(&self) -> f64 {
+    fn paper_online(&self) -> Option<f64> {
         self.0.paper_online()
     }
 }
@@ -88,13 +110,14 @@ const PLANAR: Planar = Planar { noise: 0.0 };
 fn transitions(env: &dyn Environment, samples: usize) -> (Transitions, Vec<f64>) {
     let mut rng = Rng::seed_from_u64(1);
     let goals = env.goals().iter().flat_map(|goal| env.picture(goal)).collect();
-    let mut transitions = Transitions { picture: env.picture_size(), action_dim: 2, goals, ..Transitions::default() };
+    let (picture, action_dim) = (env.picture_size(), env.action_limit().len());
+    let mut transitions = Transitions { picture, action_dim, goals, ..Transitions::default() };
     let mut states = Vec::new();
     for _ in 0..samples {
         let (state, action) = (env.sample_state(&mut rng), env.sample_action(&mut rng));
         let next = env.step(&state, &action, &mut rng);
-        let scaled: Vec<f32> = action.iter().map(|u| (u / 3.0) as f32).collect();
-        transitions.push(&env.picture(&state), &scaled, &env.picture(&next), 0);
+        let scaled: Vec<f32> = action.iter().zip(env.action_limit()).map(|(u, limit)| (u / limit) as f32).collect();
+        transitions.push(&env.picture(&state), &scaled, &env.observe(&state, &next), 0);
         states.extend(state.into_iter().chain(next));
     }
     (transitions, states)
@@ -115,6 +138,14 @@ fn equal_pictures_with_other_states_behind_them_train_to_the_same_bits() {
     assert!(states.iter().zip(&veiled_states).all(|(a, b)| a != b), "the hidden states differ");
     let [seen, veiled] = [seen, veiled].map(|transitions| transitions.save().expect("files"));
     assert!(seen == veiled && train(&seen) == train(&veiled));
+}
+
+#[test]
+fn velocities_are_hidden_behind_two_frames() {
+    let pendulum = SwingUp { noise: 0.0, step: 0.05, torque: 0.65 };
+    let ((seen, states), (veiled, veiled_states)) = (transitions(&pendulum, 20), transitions(&Veiled(pendulum), 20));
+    assert!(states.iter().zip(&veiled_states).all(|(a, b)| a != b), "the hidden states differ");
+    assert_eq!(seen, veiled);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Artifact, Files, json, tensors::file};
-use crate::control::rollout::Unstick;
+use crate::control::rollout::{Controller, Unstick};
 
 /// One episode.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -18,17 +18,20 @@ pub struct EpisodeResult {
     pub path: Vec<Vec<f64>>,
 }
 
-/// Results of one agent on a set of episodes; states count after each of T+1 actions, as in the CARL rows of Table 1.
+/// Results of one controller on a set of episodes; states count after each of T+1 actions, as in the CARL rows of Table 1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
+    /// Who acted; left out where it was an agent.
+    #[serde(default, skip_serializing_if = "is_agent")]
+    pub controller: Controller,
     /// Mean share of T+1 states at the goal, in per cent, as deployed.
     pub percent_goal: f64,
     /// The same by the policy alone, without any rule outside of it.
     pub policy_alone: f64,
     /// As deployed, counting T states.
     pub percent_goal_t: f64,
-    /// `percent_goal` as a share of the best possible controller's, in per cent.
-    pub share_of_ceiling: f64,
+    /// `percent_goal` as a share of the best possible controller's, in per cent, where that is known.
+    pub share_of_ceiling: Option<f64>,
     /// The rule outside of the policy; it sees one bit, whether the picture changed.
     pub unstick: Unstick,
     /// Radius of the goal.
@@ -37,6 +40,10 @@ pub struct Evaluation {
     pub horizon: usize,
     /// Every episode.
     pub episodes: Vec<EpisodeResult>,
+}
+
+fn is_agent(controller: &Controller) -> bool {
+    *controller == Controller::Agent
 }
 
 impl Artifact for Evaluation {

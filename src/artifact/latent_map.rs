@@ -23,7 +23,8 @@ pub struct LatentMap {
     pub codes: Vec<f32>,
     /// Means of E(x_g).
     pub goals: Vec<f32>,
-    /// Share of variance of the places that an affine read-out of the codes explains (R²): 1 for a perfect map.
+    /// Share of variance of the places that an affine read-out of the codes explains (R²): 1 for a perfect map. Of an
+    /// angle that turns around, the point on the circle counts.
     pub quality: f64,
 }
 

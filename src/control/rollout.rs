@@ -1,4 +1,5 @@
-//! Closed-loop control from pictures: the policy sees E(x) and E(x_g), never a state.
+//! Closed-loop control from pictures: the policy sees E(x) and E(x_g), never a state. Beside it the controller that does
+//! see states, for what the best representation could reach.
 
 use super::agent::Agent;
 use crate::{env::Environment, lce::LceModel, nn::noise, rng::Rng};
@@ -13,7 +14,18 @@ pub enum Unstick {
     Random,
 }
 
-/// How actions are chosen.
+/// Who acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Controller {
+    /// What was learned, from pictures.
+    #[default]
+    Agent,
+    /// The task's own controller, which knows the true state: what the best representation could reach.
+    Oracle,
+}
+
+/// How a policy's actions are chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Acting {
     /// The mean action.
@@ -57,7 +69,7 @@ pub fn draw_episodes(env: &dyn Environment, count: usize, rng: &mut Rng) -> Vec<
         .collect()
 }
 
-/// Runs one episode for `steps` steps.
+/// Runs one episode for `steps` steps with a policy.
 pub fn run(
     env: &dyn Environment,
     (model, agent): (&LceModel, &Agent),
@@ -66,24 +78,53 @@ pub fn run(
     (acting, unstick): (Acting, Unstick),
     rng: &mut Rng,
 ) -> Vec<Step> {
-    let limit = env.action_limit();
     let z_goal = model.encode_means(&model.pictures(&env.picture(&episode.goal)));
-    let mut state = episode.start.clone();
-    let mut picture = env.picture(&state);
-    let mut stuck = false;
-    let mut path = Vec::with_capacity(steps);
-    for _ in 0..steps {
-        let z = model.encode_means(&model.pictures(&picture));
+    walk(env, &episode.start, steps, rng, |seen, rng| {
+        let z = model.encode_means(&model.pictures(seen.picture));
         let mut epsilon = vec![0.0; agent.action];
         noise::fill_normal(rng, &mut epsilon);
         let mut action = agent.act(&z, &z_goal, (acting == Acting::Sample).then_some(&epsilon));
-        if stuck && unstick == Unstick::Random {
+        if seen.is_stuck && unstick == Unstick::Random {
             action.fill_with(|| noise::uniform(rng, -1.0, 1.0));
         }
+        action
+    })
+}
+
+/// Runs one episode for `steps` steps with the task's controller on true states.
+pub fn run_oracle(env: &dyn Environment, episode: &Episode, steps: usize, rng: &mut Rng) -> Vec<Step> {
+    let mut oracle = env.oracle();
+    walk(env, &episode.start, steps, rng, |seen, rng| {
+        let action = oracle(seen.state, &episode.goal, rng);
+        action.iter().zip(env.action_limit()).map(|(u, limit)| (u / limit) as f32).collect()
+    })
+}
+
+/// What there is to act on.
+struct Seen<'a> {
+    state: &'a [f64],
+    picture: &'a [u8],
+    /// The last action changed nothing in the picture.
+    is_stuck: bool,
+}
+
+fn walk(
+    env: &dyn Environment,
+    start: &[f64],
+    steps: usize,
+    rng: &mut Rng,
+    mut act: impl FnMut(&Seen<'_>, &mut Rng) -> Vec<f32>,
+) -> Vec<Step> {
+    let limit = env.action_limit();
+    let (mut state, mut picture) = (start.to_vec(), env.picture(start));
+    let mut is_stuck = false;
+    let mut path = Vec::with_capacity(steps);
+    for _ in 0..steps {
+        let action = act(&Seen { state: &state, picture: &picture, is_stuck }, rng);
         let torque: Vec<f64> = action.iter().zip(limit).map(|(&u, limit)| f64::from(u) * limit).collect();
         let next = env.step(&state, &torque, rng);
-        let after = env.picture(&next);
-        stuck = after == picture;
+        let after = env.observe(&state, &next);
+        is_stuck = after == picture;
         let before = std::mem::replace(&mut picture, after.clone());
         path.push(Step { state: std::mem::replace(&mut state, next.clone()), before, action, next, after });
     }

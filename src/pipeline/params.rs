@@ -17,7 +17,7 @@ use super::{
 };
 use crate::{
     diag::{Diagnostic, Span},
-    env::Task,
+    env::{RefusedOption, Task},
     stage::{Kind, Preset, PresetOf, Refusal},
 };
 
@@ -77,8 +77,14 @@ impl<'a, 'i> Settler<'a, 'i> {
         }
         let count = self.mistakes.len();
         refuse_unreadable(&mut table, header, "`[task]`", try_task, &mut self.mistakes);
-        let value = Spanned::new(header.clone(), DeValue::Table(table));
-        let task = Task::deserialize(ValueDeserializer::from(value)).ok().filter(|_| self.mistakes.len() == count);
+        let value = Spanned::new(header.clone(), DeValue::Table(table.clone()));
+        let task = Task::deserialize(ValueDeserializer::from(value)).ok();
+        for RefusedOption { name, why, help } in task.iter().flat_map(Task::check) {
+            let span = find(&table, &[name]).map_or_else(|| header.clone(), Spanned::span);
+            let mistake = Diagnostic::at(span, format!("`{name}` {why}"));
+            self.mistakes.push(Diagnostic { help, ..mistake });
+        }
+        let task = task.filter(|_| self.mistakes.len() == count);
         self.tasks.insert(key, task.clone());
         task
     }
@@ -108,6 +114,7 @@ impl<'a, 'i> Settler<'a, 'i> {
         match explicit(kind, defaults, given) {
             Ok(params) => {
                 self.refuse_out_of_range(stage, kind, &params, &table, preset);
+                self.refuse_without_inputs(stage, kind, &params);
                 Some(params)
             }
             // What was wrong by itself is reported and gone, and may be missed now.
@@ -171,6 +178,18 @@ impl<'a, 'i> Settler<'a, 'i> {
                     mistake.help(format!("write `{path}` in `[stages.{}]`", stage.name))
                 }
             });
+        }
+    }
+
+    /// Inputs that may be left out, but not with these parameters.
+    fn refuse_without_inputs(&mut self, stage: &StageDraft<'_>, kind: &Kind, params: &Value) {
+        for port in (kind.needs)(params).unwrap_or_default() {
+            if stage.inputs_broken || stage.inputs.iter().any(|input| input.port.name == *port) {
+                continue;
+            }
+            let message = format!("stage `{}` lacks the input `{port}`, which its parameters need", stage.name);
+            let mistake = Diagnostic::at(stage.span.clone(), message);
+            self.mistakes.push(mistake.help(format!("write `inputs = {{ {port} = \"…\" }}`")));
         }
     }
 

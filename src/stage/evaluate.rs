@@ -1,4 +1,4 @@
-//! Measures an agent on episodes that every round and algorithm with the same seed shares.
+//! Measures an agent, or the controller that knows true states, on episodes that every round and algorithm with the same seed shares.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -8,9 +8,10 @@ use crate::{
     artifact::{EpisodeResult, Evaluation, TrainedModel},
     control::{
         Agent,
-        rollout::{self, Acting, Step, Unstick},
+        rollout::{self, Acting, Controller, Step, Unstick},
     },
     env::Environment,
+    lce::LceModel,
     record::{At, TrajectoryFrame, topic},
 };
 
@@ -18,9 +19,11 @@ use crate::{
 #[serde(deny_unknown_fields)]
 #[serde(default)]
 pub(super) struct Params {
+    /// Who acts.
+    controller: Controller,
     /// Episodes to run.
     episodes: u64,
-    /// Largest distance from the goal state that counts as being there.
+    /// Largest distance from the goal state that counts as being there; an angle in tasks with poles.
     radius: f64,
     /// What to do when an action changed nothing in the picture; the policy alone is measured beside it.
     unstick: Unstick,
@@ -28,15 +31,17 @@ pub(super) struct Params {
 
 impl Default for Params {
     fn default() -> Self {
-        Self { episodes: 10, radius: 5.0, unstick: Unstick::Random }
+        Self { controller: Controller::Agent, episodes: 10, radius: 5.0, unstick: Unstick::Random }
     }
 }
 
 impl super::Params for Params {
     fn preset(of: &PresetOf<'_>) -> Self {
-        let radius = of.task.open().goal_radius();
-        let unstick = if of.preset == Preset::Paper { Unstick::Off } else { Unstick::Random };
-        Self { radius, unstick, ..Self::default() }
+        let env = of.task.open();
+        // Two frames that stay the same show a pole at rest, which may be what is wanted.
+        let off = of.preset == Preset::Paper || env.frames() > 1;
+        let unstick = if off { Unstick::Off } else { Unstick::Random };
+        Self { radius: env.goal_radius(), unstick, ..Self::default() }
     }
 
     fn check(&self) -> Vec<Refusal> {
@@ -44,14 +49,32 @@ impl super::Params for Params {
         above_zero(&mut refusals, "radius", self.radius);
         refusals
     }
+
+    fn needs(&self) -> &'static [&'static str] {
+        match self.controller {
+            Controller::Agent => &["model", "agent"],
+            Controller::Oracle => &[],
+        }
+    }
 }
 
 inputs! {
     pub(super) struct Inputs {
-        /// the encoder to see with
-        model: TrainedModel,
-        /// the policy to act with, by its mean action
-        agent: Agent,
+        /// the encoder to see with; an oracle needs none
+        model: Option<TrainedModel>,
+        /// the policy to act with, by its mean action; an oracle needs none
+        agent: Option<Agent>,
+    }
+}
+
+impl Inputs {
+    /// The policy that acts, where an agent does.
+    fn policy(&self, controller: Controller) -> anyhow::Result<Option<(&LceModel, &Agent)>> {
+        match (controller, &self.model, &self.agent) {
+            (Controller::Oracle, ..) => Ok(None),
+            (Controller::Agent, Some(trained), Some(agent)) => Ok(Some((&trained.model, agent))),
+            (Controller::Agent, ..) => anyhow::bail!("an agent needs the inputs `model` and `agent`"),
+        }
     }
 }
 
@@ -70,14 +93,18 @@ impl Stage for Evaluate {
         let steps = env.horizon() + 1;
         let episodes = rollout::draw_episodes(&*env, params.episodes as usize, &mut cx.shared_rng("episodes"));
         let goals = env.goals();
-        let controller = (&inputs.model.model, &inputs.agent);
+        let policy = inputs.policy(params.controller)?;
+        let params = &Params { unstick: if policy.is_some() { params.unstick } else { Unstick::Off }, ..*params };
         let mut results = Vec::new();
         let mut percent_goal_t = 0.0;
         record_obstacles(&*env, cx);
         for (number, episode) in episodes.iter().enumerate() {
             let run = |unstick: Unstick| {
                 let mut rng = cx.shared_rng(("acting", number as u64));
-                rollout::run(&*env, controller, episode, steps, (Acting::Mean, unstick), &mut rng)
+                match policy {
+                    Some(policy) => rollout::run(&*env, policy, episode, steps, (Acting::Mean, unstick), &mut rng),
+                    None => rollout::run_oracle(&*env, episode, steps, &mut rng),
+                }
             };
             let at_goal = |path: &[Step]| {
                 let hits = path.iter().filter(|step| env.at_goal(&step.next, &episode.goal, params.radius)).count();
@@ -101,23 +128,18 @@ impl Stage for Evaluate {
         let mean = |of: fn(&EpisodeResult) -> f64| results.iter().map(of).sum::<f64>() / results.len() as f64;
         let (percent_goal, policy_alone) = (mean(|r| r.percent_goal), mean(|r| r.policy_alone));
         let at = At::new(cx.round, 0, 0);
-        cx.record.scalars(
-            topic::PERCENT_GOAL,
-            at,
-            &[
-                ("percent_goal", percent_goal),
-                ("policy_alone", policy_alone),
-                ("paper", env.paper_online()),
-                ("ceiling", env.ceiling()),
-            ],
-        );
+        let mut curves = vec![("percent_goal", percent_goal), ("policy_alone", policy_alone)];
+        curves.extend(env.paper_online().map(|percent| ("paper", percent)));
+        curves.extend(env.ceiling().map(|percent| ("ceiling", percent)));
+        cx.record.scalars(topic::PERCENT_GOAL, at, &curves);
         cx.figure("percent_goal", percent_goal);
         cx.figure("policy_alone", policy_alone);
         Ok(Evaluation {
+            controller: params.controller,
             percent_goal,
             policy_alone,
             percent_goal_t,
-            share_of_ceiling: 100.0 * percent_goal / env.ceiling(),
+            share_of_ceiling: env.ceiling().map(|ceiling| 100.0 * percent_goal / ceiling),
             unstick: params.unstick,
             radius: params.radius,
             horizon: env.horizon(),
@@ -146,7 +168,7 @@ fn record_trajectory(
         episode: number as u32,
         path: &path,
         goal: env.place(goal),
-        radius: env.place(&[params.radius; 2])[0],
+        radius: env.place_radius(params.radius),
         percent_goal: result.percent_goal,
     };
     cx.record.trajectory(topic::TRAJECTORY, At::new(cx.round, 0, number as u64), &frame);

@@ -57,6 +57,11 @@ pub trait Params: Serialize + DeserializeOwned + Default + schemars::JsonSchema 
     fn check(&self) -> Vec<Refusal> {
         Vec::new()
     }
+
+    /// Optional inputs that these parameters cannot do without.
+    fn needs(&self) -> &'static [&'static str] {
+        &[]
+    }
 }
 
 /// A parameter that cannot be used.
@@ -130,6 +135,8 @@ pub struct Kind {
     pub canonical: fn(&Value) -> Result<Value, serde_json::Error>,
     /// Reads explicit parameters and refuses those out of range.
     pub check: fn(&Value) -> Result<Vec<Refusal>, serde_json::Error>,
+    /// Optional inputs that explicit parameters cannot do without.
+    pub needs: fn(&Value) -> Result<&'static [&'static str], serde_json::Error>,
     /// Does the work: explicit parameters and verified files in, files out.
     pub run: fn(&Value, &InputFiles<'_>, &mut StageCx<'_>) -> anyhow::Result<Files>,
 }
@@ -154,6 +161,7 @@ impl Kind {
             try_table: |table| serde::Deserialize::deserialize(table).map(|_: S::Params| ()),
             canonical: |params| serde_json::to_value(serde_json::from_value::<S::Params>(params.clone())?),
             check: |params| serde_json::from_value::<S::Params>(params.clone()).map(|params| params.check()),
+            needs: |params| serde_json::from_value::<S::Params>(params.clone()).map(|params| params.needs()),
             run: |params, inputs, cx| {
                 let params: S::Params = serde_json::from_value(params.clone())?;
                 let inputs = S::Inputs::load(inputs)?;

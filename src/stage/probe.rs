@@ -15,6 +15,7 @@ pub struct MapProbe {
     goals: Vec<u8>,
     grid: Vec<[u32; 2]>,
     places: Vec<[f32; 2]>,
+    coordinates: Vec<Vec<f32>>,
 }
 
 impl MapProbe {
@@ -23,10 +24,11 @@ impl MapProbe {
         let env = task.open();
         let states = env.map_states();
         Self {
-            frames: states.iter().flat_map(|(state, _)| env.picture(state)).collect(),
+            frames: states.iter().flat_map(|(state, _)| env.observe(&env.before(state), state)).collect(),
             goals: env.goals().iter().flat_map(|goal| env.picture(goal)).collect(),
             grid: states.iter().map(|(_, cell)| cell.map(|i| i as u32)).collect(),
             places: states.iter().map(|(state, _)| env.place(state)).collect(),
+            coordinates: states.iter().map(|(state, _)| env.coordinates(state)).collect(),
         }
     }
 
@@ -35,7 +37,7 @@ impl MapProbe {
         let latent = model.sizes.latent;
         let codes = model.encode_means(&model.pictures(&self.frames));
         let goals = model.encode_means(&model.pictures(&self.goals));
-        let quality = affine_fit(&codes, latent, &self.places);
+        let quality = affine_fit(&codes, latent, &self.coordinates);
         LatentMap { latent, grid: self.grid.clone(), places: self.places.clone(), codes, goals, quality }
     }
 
@@ -54,16 +56,16 @@ pub fn write(map: &LatentMap, record: &mut Recorder, at: At) {
     record.latent_map(topic::LATENT_MAP, at, &frame);
 }
 
-/// R² of the best affine read-out of places from codes: 1 is a perfect map, 0 one that knows nothing.
-fn affine_fit(codes: &[f32], latent: usize, places: &[[f32; 2]]) -> f64 {
-    let width = latent + 1;
+/// R² of the best affine read-out of coordinates from codes: 1 is a perfect map, 0 one that knows nothing.
+fn affine_fit(codes: &[f32], latent: usize, coordinates: &[Vec<f32>]) -> f64 {
+    let (width, count) = (latent + 1, coordinates.first().map_or(0, Vec::len));
     let row = |i: usize| codes[i * latent..][..latent].iter().map(|&z| f64::from(z)).chain([1.0]).collect::<Vec<f64>>();
-    // Normal equations with both right-hand sides beside them.
-    let mut equations = vec![vec![0.0; width + 2]; width];
-    for (i, place) in places.iter().enumerate() {
+    // Normal equations with all right-hand sides beside them.
+    let mut equations = vec![vec![0.0; width + count]; width];
+    for (i, place) in coordinates.iter().enumerate() {
         let x = row(i);
         for (a, equation) in equations.iter_mut().enumerate() {
-            for (entry, b) in equation.iter_mut().zip(x.iter().copied().chain(place.map(f64::from))) {
+            for (entry, b) in equation.iter_mut().zip(x.iter().copied().chain(place.iter().map(|&c| f64::from(c)))) {
                 *entry += x[a] * b;
             }
         }
@@ -82,12 +84,11 @@ fn affine_fit(codes: &[f32], latent: usize, places: &[[f32; 2]]) -> f64 {
             }
         }
     }
-    let count = places.len() as f64;
     let (mut rest, mut total) = (0.0, 0.0);
-    for k in 0..2 {
-        let mean = places.iter().map(|p| f64::from(p[k])).sum::<f64>() / count;
+    for k in 0..count {
+        let mean = coordinates.iter().map(|p| f64::from(p[k])).sum::<f64>() / coordinates.len() as f64;
         let weights: Vec<f64> = (0..width).map(|a| equations[a][width + k] / equations[a][a]).collect();
-        for (i, place) in places.iter().enumerate() {
+        for (i, place) in coordinates.iter().enumerate() {
             let read = row(i).iter().zip(&weights).map(|(x, w)| x * w).sum::<f64>();
             rest += (f64::from(place[k]) - read).powi(2);
             total += (f64::from(place[k]) - mean).powi(2);
@@ -100,8 +101,8 @@ fn affine_fit(codes: &[f32], latent: usize, places: &[[f32; 2]]) -> f64 {
 mod tests {
     #[test]
     fn an_affine_map_has_quality_one_and_a_constant_one_zero() {
-        let places: Vec<[f32; 2]> = (0..100).map(|i| [(i % 10) as f32 / 10.0, (i / 10) as f32 / 10.0]).collect();
-        let codes: Vec<f32> = places.iter().flat_map(|[r, c]| [2.0 * r - c + 1.0, r + 3.0 * c]).collect();
+        let places: Vec<Vec<f32>> = (0..100).map(|i| vec![(i % 10) as f32 / 10.0, (i / 10) as f32 / 10.0]).collect();
+        let codes: Vec<f32> = places.iter().flat_map(|p| [2.0 * p[0] - p[1] + 1.0, p[0] + 3.0 * p[1]]).collect();
         assert!((super::affine_fit(&codes, 2, &places) - 1.0).abs() < 1e-6);
         assert_eq!(super::affine_fit(&vec![1.0; 200], 2, &places), 0.0);
     }

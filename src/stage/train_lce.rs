@@ -7,6 +7,7 @@ use super::{Preset, PresetOf, Refusal, Stage, StageCx, above_zero, inputs, withi
 use crate::{
     artifact::{TrainedModel, Transitions},
     control::{Agent, regularizer::PolicyRegularizer},
+    env::EnvName,
     lce::{
         LceModel, Sizes, detectors,
         model::background,
@@ -125,6 +126,8 @@ impl super::Params for Params {
         if of.given.get("objective").is_some_and(|objective| objective == "pcc") {
             params.objective = LossName::Pcc;
             params.lambda.prior = params.lambda.encode_decode;
+        } else if matches!(of.task.env, EnvName::SwingUp | EnvName::ThreePole) {
+            params.lambda.consistency = 11.0;
         }
         if of.preset == Preset::Paper {
             // The paper knows no warm-up, no ramp and no anchor, and says of L_reg only that its weight is small.
@@ -288,7 +291,11 @@ fn shuffled(count: usize, rng: &mut crate::rng::Rng) -> Vec<u32> {
 /// A model with random weights whose widths suit the task.
 fn fresh(transitions: &Transitions, cx: &StageCx<'_>) -> anyhow::Result<TrainedModel> {
     let sizes = match cx.task.env {
-        crate::env::EnvName::Planar => Sizes::planar(),
+        EnvName::Planar => Sizes::planar(),
+        EnvName::SwingUp => Sizes::swing_up(),
+        EnvName::CartPole => Sizes::cart_pole(),
+        // Fewer links have fewer torques.
+        EnvName::ThreePole => Sizes { action: transitions.action_dim, ..Sizes::three_pole() },
     };
     anyhow::ensure!(!transitions.is_empty(), "there are no transitions to learn from");
     let background = background(&transitions.frames(), transitions.pixels());

@@ -38,6 +38,7 @@ fn adder(name: &'static str, version: u32) -> Kind {
         try_table: |_| Ok(()),
         canonical: |params| Ok(params.clone()),
         check: |_| Ok(Vec::new()),
+        needs: |_| Ok(&[]),
         run: add,
     }
 }

@@ -57,19 +57,31 @@ fn lay_over(below: &mut Map<String, Value>, above: &Map<String, Value>) {
 /// Inputs of a stage by port.
 pub type Inputs<'a> = [(&'static str, &'a [&'a Files])];
 
-/// Runs one stage with a stream and a number of threads of its own.
+/// Runs one stage on the planar task with a stream and a number of threads of its own.
 pub fn run_as(kind: &str, given: Value, inputs: &Inputs<'_>, stream: Stream, threads: usize) -> Files {
-    let (kind, task) = (stage::kind(kind).expect("a kind"), planar());
-    let params = params(kind, &task, &given);
+    run_for(&planar(), kind, given, inputs, stream, threads).expect("a stage that works")
+}
+
+/// Runs one stage of a task, which may fail.
+pub fn run_for(
+    task: &Task,
+    kind: &str,
+    given: Value,
+    inputs: &Inputs<'_>,
+    stream: Stream,
+    threads: usize,
+) -> anyhow::Result<Files> {
+    let kind = stage::kind(kind).expect("a kind");
+    let params = params(kind, task, &given);
     let mut files = InputFiles { by_port: BTreeMap::new() };
     for (port, values) in inputs {
         assert!(kind.ports.iter().any(|known| known.name == *port), "{} has no port {port}", kind.name);
         files.by_port.insert(port, values.to_vec());
     }
     let mut record = Recorder::off();
-    let mut cx = StageCx::new(&mut record, &task, stream, 0, Threads::new(threads), &Quiet);
+    let mut cx = StageCx::new(&mut record, task, stream, 0, Threads::new(threads), &Quiet);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
-    pool.install(|| (kind.run)(&params, &files, &mut cx)).expect("a stage that works")
+    pool.install(|| (kind.run)(&params, &files, &mut cx))
 }
 
 /// Runs one stage.

@@ -52,13 +52,14 @@ pub(super) fn draw(pipeline: &str, evaluations: &[&NodeRecord]) -> String {
         (environment.ceiling(), "ceiling", CEILING, "stroke-width=\"1.2\""),
         (environment.paper_online(), "paper's mean", PAPER, "stroke-width=\"1.2\" stroke-dasharray=\"1.5 3\""),
     ];
-    let values = goal.values().chain(alone.values()).flatten().copied().chain(marks.map(|mark| mark.0));
+    let values = goal.values().chain(alone.values()).flatten().copied().chain(marks.iter().filter_map(|mark| mark.0));
     let axes = axes(&goal, values);
     let mut picture = Picture::new(WIDTH, HEIGHT);
     let title = format!("{pipeline}, {}", count(&points));
     picture.text([LEFT, 28.0], "font-size=\"16\" font-weight=\"bold\"", &title);
     frame(&mut picture, &axes, &goal);
     for (value, name, colour, style) in marks {
+        let Some(value) = value else { continue };
         let [_, y] = axes.place(0.0, value);
         picture.line(&[[LEFT, y], [RIGHT, y]], &format!("stroke=\"{colour}\" {style}"));
         picture.text([RIGHT + 6.0, y + 4.0], &format!("fill=\"{colour}\""), &format!("{name} {value:.1}"));

@@ -1,0 +1,157 @@
+//! Balance: a pole on a cart that is pushed left and right (paper, appendix "CartPole").
+//!
+//! Dynamics and pictures follow the public PCC implementation, whose control step is 0.02 s; the default is the task's in
+//! [`Task`](super::Task). The cart may leave the picture.
+
+use std::f64::consts::PI;
+
+use super::{
+    Environment, Oracle,
+    drawing::Canvas,
+    ode,
+    pole::{self, GRAVITY, disturbed, share, within, wrap},
+};
+use crate::rng::Rng;
+
+const SIDE: usize = 80;
+/// Mass of the pole, mass of cart and pole, in kg; half the pole's length in m.
+const POLE_MASS: f64 = 0.1;
+const MASS: f64 = 1.1;
+const LENGTH: f64 = 0.5;
+/// Largest force in N.
+const MAX_FORCE: f64 = 10.0;
+/// Bounds of the velocities, and where the picture ends.
+const MAX_OMEGA: f64 = 2.0 * PI;
+const MAX_SPEED: f64 = 6.0;
+const TRACK: f64 = 2.4;
+/// Largest angle of the data: twice the goal's, so that every start is among them.
+const MAX_ANGLE: f64 = PI / 5.0;
+
+/// The cart-pole. State: (angle, angular velocity, position, velocity); action: force, which lowers the angle.
+#[derive(Debug, Clone, Copy)]
+pub struct CartPole {
+    /// Standard deviation of the process noise.
+    pub noise: f64,
+    /// Control step in seconds.
+    pub step: f64,
+}
+
+impl CartPole {
+    /// The noise-free next state.
+    pub fn dynamics(&self, state: &[f64], action: &[f64]) -> [f64; 4] {
+        let force = action[0].clamp(-MAX_FORCE, MAX_FORCE);
+        let start = [state[0], state[1], state[2], state[3]];
+        let [theta, omega, x, v] = ode::after(|state| slope(state, force), start, &[force], self.step);
+        [wrap(theta, PI), omega.clamp(-MAX_OMEGA, MAX_OMEGA), x, v.clamp(-MAX_SPEED, MAX_SPEED)]
+    }
+}
+
+fn slope(&[theta, omega, _, v]: &[f64; 4], force: f64) -> [f64; 4] {
+    let (sin, cos) = (libm::sin(theta), libm::cos(theta));
+    let push = force + POLE_MASS * LENGTH * omega * omega * sin;
+    let turning = (MASS * GRAVITY * sin - cos * push) / (4.0 / 3.0 * MASS * LENGTH - POLE_MASS * LENGTH * cos * cos);
+    [omega, turning, v, (push - POLE_MASS * LENGTH * turning * cos) / MASS]
+}
+
+impl Environment for CartPole {
+    fn frame_size(&self) -> (usize, usize) {
+        (SIDE, SIDE)
+    }
+
+    fn frames(&self) -> usize {
+        2
+    }
+
+    fn action_limit(&self) -> &[f64] {
+        &[MAX_FORCE]
+    }
+
+    fn latent_dim(&self) -> usize {
+        8
+    }
+
+    fn horizon(&self) -> usize {
+        200
+    }
+
+    fn step(&self, state: &[f64], action: &[f64], rng: &mut Rng) -> Vec<f64> {
+        disturbed(self.dynamics(state, action), self.noise, rng)
+    }
+
+    fn render(&self, state: &[f64], frame: &mut [u8]) {
+        let (theta, x) = (state[0], 40.0 + state[2] / TRACK * 32.0);
+        let mut canvas = Canvas::new(frame, SIDE);
+        canvas.rectangle([x - 8.0, 66.0], [x + 8.0, 74.0]);
+        canvas.line([x, 70.0], [x + 52.0 * libm::sin(theta), 70.0 - 52.0 * libm::cos(theta)], 6);
+    }
+
+    fn sample_state(&self, rng: &mut Rng) -> Vec<f64> {
+        [MAX_ANGLE, MAX_OMEGA, TRACK, MAX_SPEED].map(|reach| within(rng, reach)).to_vec()
+    }
+
+    fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Vec<f64> {
+        let mut state = self.sample_state(rng);
+        if is_preferred {
+            state[0] = pole::on_either_side(rng, PI / 10.0, PI / 6.0);
+        }
+        state
+    }
+
+    fn biased_share(&self) -> f64 {
+        0.8
+    }
+
+    fn sample_start(&self, rng: &mut Rng) -> Vec<f64> {
+        vec![within(rng, PI / 6.0), 0.0, 0.0, 0.0]
+    }
+
+    fn goals(&self) -> Vec<Vec<f64>> {
+        vec![vec![0.0; 4]]
+    }
+
+    /// Wherever the cart is.
+    fn at_goal(&self, state: &[f64], _: &[f64], radius: f64) -> bool {
+        state[0].abs() <= radius
+    }
+
+    fn goal_radius(&self) -> f64 {
+        PI / 10.0
+    }
+
+    /// Angles and positions, at rest.
+    fn map_states(&self) -> Vec<(Vec<f64>, [usize; 2])> {
+        let at_rest = |([theta, x], cell): ([f64; 2], _)| (vec![theta, 0.0, x, 0.0], cell);
+        pole::grid([MAX_ANGLE, TRACK], [31, 33]).map(at_rest).collect()
+    }
+
+    /// With the same velocities: two frames show the mean velocities between them.
+    fn before(&self, state: &[f64]) -> Vec<f64> {
+        vec![state[0] - state[1] * self.step, state[1], state[2] - state[3] * self.step, state[3]]
+    }
+
+    fn place(&self, state: &[f64]) -> [f32; 2] {
+        [share(state[0], MAX_ANGLE), share(state[2], TRACK)]
+    }
+
+    fn place_radius(&self, radius: f64) -> f32 {
+        (radius / (2.0 * MAX_ANGLE)) as f32
+    }
+
+    /// A linear gain: hard on the angle, and just enough on the position to come back to the middle.
+    fn oracle(&self) -> Oracle<'_> {
+        const GAIN: [f64; 4] = [50.0, 11.0, 2.5, 4.5];
+        Box::new(|state, _, _| {
+            let force = GAIN.iter().zip(state).map(|(gain, s)| gain * s).sum::<f64>();
+            vec![force.clamp(-MAX_FORCE, MAX_FORCE)]
+        })
+    }
+
+    fn ceiling(&self) -> Option<f64> {
+        let known = [(0.02, 98.46), (0.05, 99.43)];
+        known.iter().find(|it| it.0 == self.step && self.noise == 0.0).map(|it| it.1)
+    }
+
+    fn paper_online(&self) -> Option<f64> {
+        Some(95.34)
+    }
+}

@@ -1,0 +1,154 @@
+//! Swing-up: a pendulum that hangs and is to stand (paper, appendix "Inverted Pendulum -- SwingUp").
+//!
+//! Dynamics and pictures follow the public PCC implementation, whose control step is 0.02 s and whose torque is 1.0; the
+//! defaults are the task's in [`Task`](super::Task).
+
+use std::f64::consts::PI;
+
+use super::{
+    Environment, Oracle,
+    drawing::Canvas,
+    ode,
+    pole::{self, GRAVITY, disturbed, share, within, wrap},
+};
+use crate::rng::Rng;
+
+const SIDE: usize = 48;
+/// Mass in kg and length in m.
+const MASS: f64 = 0.1;
+const LENGTH: f64 = 0.5;
+/// Bound of the angular velocity.
+const MAX_OMEGA: f64 = 3.0 * PI;
+
+/// The pendulum. State: (angle, angular velocity) within ±π and ±3π; action: torque, which lowers the angle.
+#[derive(Debug, Clone, Copy)]
+pub struct SwingUp {
+    /// Standard deviation of the process noise.
+    pub noise: f64,
+    /// Control step in seconds.
+    pub step: f64,
+    /// Largest torque.
+    pub torque: f64,
+}
+
+impl SwingUp {
+    /// The noise-free next state.
+    pub fn dynamics(&self, state: &[f64], action: &[f64]) -> [f64; 2] {
+        let u = action[0].clamp(-self.torque, self.torque);
+        let slope = |&[theta, omega]: &[f64; 2]| [omega, acceleration(theta, u)];
+        let [theta, omega] = ode::after(slope, [state[0], state[1]], &[u], self.step);
+        [wrap(theta, PI), omega.clamp(-MAX_OMEGA, MAX_OMEGA)]
+    }
+}
+
+/// Angular acceleration: the weight hangs at the end, the inertia is that of a rod.
+fn acceleration(theta: f64, u: f64) -> f64 {
+    (MASS * GRAVITY * LENGTH * libm::sin(PI - theta) - u) / (MASS * LENGTH * LENGTH / 3.0)
+}
+
+impl Environment for SwingUp {
+    fn frame_size(&self) -> (usize, usize) {
+        (SIDE, SIDE)
+    }
+
+    fn frames(&self) -> usize {
+        2
+    }
+
+    fn action_limit(&self) -> &[f64] {
+        std::slice::from_ref(&self.torque)
+    }
+
+    fn latent_dim(&self) -> usize {
+        3
+    }
+
+    fn horizon(&self) -> usize {
+        400
+    }
+
+    fn step(&self, state: &[f64], action: &[f64], rng: &mut Rng) -> Vec<f64> {
+        disturbed(self.dynamics(state, action), self.noise, rng)
+    }
+
+    fn render(&self, state: &[f64], frame: &mut [u8]) {
+        let (x, y) = (24.0 + 22.0 * libm::sin(state[0]), 24.0 - 22.0 * libm::cos(state[0]));
+        Canvas::new(frame, SIDE).line([24.0, 24.0], [x, y], 4);
+    }
+
+    fn sample_state(&self, rng: &mut Rng) -> Vec<f64> {
+        vec![within(rng, PI), within(rng, MAX_OMEGA)]
+    }
+
+    fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Vec<f64> {
+        let theta = if is_preferred { pole::on_either_side(rng, 2.0, PI) } else { within(rng, 0.5) };
+        vec![theta, within(rng, MAX_OMEGA)]
+    }
+
+    fn biased_share(&self) -> f64 {
+        0.95
+    }
+
+    /// The paper's "resting down", as far from it as the reference starts.
+    fn sample_start(&self, rng: &mut Rng) -> Vec<f64> {
+        vec![0.925 * PI + within(rng, 0.025 * PI), 0.0]
+    }
+
+    fn goals(&self) -> Vec<Vec<f64>> {
+        vec![vec![0.0, 0.0]]
+    }
+
+    fn at_goal(&self, state: &[f64], _: &[f64], radius: f64) -> bool {
+        state[0].abs() <= radius
+    }
+
+    fn goal_radius(&self) -> f64 {
+        PI / 6.0
+    }
+
+    /// Angles and velocities.
+    fn map_states(&self) -> Vec<(Vec<f64>, [usize; 2])> {
+        pole::grid([PI, MAX_OMEGA], [49, 25]).map(|(state, cell)| (state.to_vec(), cell)).collect()
+    }
+
+    /// With the same velocity: two frames show the mean velocity between them, so that is what the map calls velocity.
+    fn before(&self, state: &[f64]) -> Vec<f64> {
+        vec![state[0] - state[1] * self.step, state[1]]
+    }
+
+    fn place(&self, state: &[f64]) -> [f32; 2] {
+        [share(state[0], PI), share(state[1], MAX_OMEGA)]
+    }
+
+    /// On a cylinder.
+    fn coordinates(&self, state: &[f64]) -> Vec<f32> {
+        [libm::cos(state[0]), libm::sin(state[0]), state[1] / MAX_OMEGA].map(|c| c as f32).to_vec()
+    }
+
+    fn place_radius(&self, radius: f64) -> f32 {
+        (radius / (2.0 * PI)) as f32
+    }
+
+    /// As fast as the torque allows, then along the parabola on which it can still brake.
+    fn oracle(&self) -> Oracle<'_> {
+        const BRAKING: f64 = 60.0;
+        Box::new(|state, _, _| {
+            let (theta, omega) = (state[0], state[1]);
+            let ahead = theta + 0.5 * omega * self.step;
+            let speed = (2.0 * BRAKING * ahead.abs()).sqrt().min(ahead.abs() / self.step).min(MAX_OMEGA);
+            let wanted = -(speed.copysign(ahead) + omega) / self.step;
+            // The torque that gives the acceleration wanted.
+            let u = (acceleration(theta, 0.0) - wanted) / (acceleration(0.0, 0.0) - acceleration(0.0, 1.0));
+            vec![u.clamp(-self.torque, self.torque)]
+        })
+    }
+
+    fn ceiling(&self) -> Option<f64> {
+        let known = [(0.05, 0.65, 98.50), (0.04, 1.0, 98.50), (0.02, 1.0, 96.51), (0.02, 0.65, 96.01)];
+        known.iter().find(|it| (it.0, it.1, 0.0) == (self.step, self.torque, self.noise)).map(|it| it.2)
+    }
+
+    fn paper_online(&self) -> Option<f64> {
+        Some(95.04)
+    }
+}

@@ -1,0 +1,365 @@
+//! Swing-up and balance of an arm with a motor in every joint (paper, appendix "3-link Manipulator").
+//!
+//! Dynamics and pictures follow the public PCC implementation for three links; the paper names the arm of two beside it.
+//! The goal is that implementation's too: every link upright, not the sum of the angles.
+
+use std::f64::consts::PI;
+
+use super::{
+    Environment, Oracle,
+    drawing::Canvas,
+    ode,
+    planner::{Effort, improve},
+    pole::{self, GRAVITY, disturbed, share, within, wrap},
+};
+use crate::rng::Rng;
+
+const SIDE: usize = 80;
+/// Of every link, a rod: mass in kg, length in m, and where its weight is.
+const MASS: f64 = 0.1;
+const LENGTH: f64 = 0.5;
+const CENTRE: f64 = LENGTH / 2.0;
+/// Largest torques of the joints.
+const MAX_TORQUE: [f64; 3] = [1.0; 3];
+/// Bounds of the angles between links, of which the first is that of the first link, and of all angular velocities.
+const MAX_ANGLE: [f64; 3] = [PI, 2.0 / 3.0 * PI, PI / 3.0];
+const MAX_OMEGA: f64 = PI / 2.0;
+/// Where an episode starts, hanging.
+const START: [f64; 3] = [0.95 * PI, 0.65 * PI, 0.33 * PI];
+/// With all links within this of upright, control steps are shorter.
+const CONE: f64 = PI / 6.0;
+const STEPS_IN_CONE: f64 = 2.5;
+/// Added to the diagonal of the inertia.
+const RIDGE: f64 = 1e-6;
+
+/// The arm. State: (angle, angular velocity) of every joint; action: torques, which lower the angles.
+#[derive(Debug, Clone, Copy)]
+pub struct ThreePole {
+    /// Standard deviation of the process noise.
+    pub noise: f64,
+    /// Control step in seconds; 2.5 times shorter while all links are close to upright.
+    pub step: f64,
+    /// Links: 2 or 3.
+    pub links: usize,
+}
+
+/// Angles and velocities in turn; what a shorter arm has not is 0.
+type State = [f64; 6];
+
+impl ThreePole {
+    /// The noise-free next state.
+    pub fn dynamics(&self, state: &[f64], action: &[f64]) -> Vec<f64> {
+        let mut torques = [0.0; 3];
+        for (torque, (u, limit)) in torques.iter_mut().zip(action.iter().zip(MAX_TORQUE)) {
+            *torque = u.clamp(-limit, limit);
+        }
+        let mut start: State = [0.0; 6];
+        start[..2 * self.links].copy_from_slice(state);
+        let slope = |state: &State| self.slope(state, &torques);
+        let end = ode::after(slope, start, &torques[..self.links], self.step_from(state));
+        let mut next = end[..2 * self.links].to_vec();
+        for (joint, limit) in next.as_chunks_mut::<2>().0.iter_mut().zip(MAX_ANGLE) {
+            *joint = [wrap(joint[0], limit), joint[1].clamp(-MAX_OMEGA, MAX_OMEGA)];
+        }
+        next
+    }
+
+    /// The control step from a state, in seconds.
+    fn step_from(&self, state: &[f64]) -> f64 {
+        if is_upright(state, CONE) { self.step / STEPS_IN_CONE } else { self.step }
+    }
+
+    /// The Euler-Lagrange equations: inertia times acceleration balances torques, turning and gravity.
+    fn slope(&self, state: &State, torques: &[f64; 3]) -> State {
+        let n = self.links;
+        let (mut inertia, mut force) = self.links_alone(state);
+        onto_joints(&mut inertia, &mut force, n);
+        for i in 0..n {
+            inertia[i][i] += RIDGE;
+            force[i] -= torques[i];
+        }
+        let acceleration = solve(inertia, force, n);
+        let mut slope = [0.0; 6];
+        for i in 0..n {
+            (slope[2 * i], slope[2 * i + 1]) = (state[2 * i + 1], acceleration[i]);
+        }
+        slope
+    }
+
+    /// Inertia, and what gravity and turning do, by the angles of the links against the upright.
+    fn links_alone(&self, state: &State) -> ([[f64; 3]; 3], [f64; 3]) {
+        let (mut inertia, mut force, mut omega) = ([[0.0; 3]; 3], [0.0; 3], [0.0; 3]);
+        let (mut angle, mut speed) = (0.0, 0.0);
+        for i in 0..self.links {
+            angle += state[2 * i];
+            speed += state[2 * i + 1];
+            omega[i] = speed;
+            // A link carries all links beyond it at its end.
+            let beyond = (self.links - 1 - i) as f64;
+            let lever = CENTRE + beyond * LENGTH;
+            inertia[i][i] = MASS * LENGTH * LENGTH * (1.0 / 3.0 + beyond);
+            force[i] += MASS * GRAVITY * lever * libm::sin(angle);
+            let coupling = MASS * LENGTH * lever;
+            let mut between = 0.0;
+            for j in (0..i).rev() {
+                between += state[2 * (j + 1)];
+                inertia[i][j] = coupling * libm::cos(between);
+                inertia[j][i] = inertia[i][j];
+                let turning = coupling * libm::sin(between);
+                force[i] -= turning * omega[j] * omega[j];
+                force[j] += turning * omega[i] * omega[i];
+            }
+        }
+        (inertia, force)
+    }
+
+    fn state_of(&self, angles: [f64; 3]) -> Vec<f64> {
+        angles[..self.links].iter().flat_map(|&angle| [angle, 0.0]).collect()
+    }
+
+    /// What a plan costs: steps away from the goal, and how far the links are from upright.
+    fn cost(&self, start: &[f64], plan: &[f64]) -> f64 {
+        let mut state = start.to_vec();
+        let mut cost = 0.0;
+        for action in plan.chunks_exact(self.links) {
+            state = self.dynamics(&state, action);
+            let leaning = leans(&state).map(|angle| 1.0 - libm::cos(angle)).sum::<f64>();
+            cost += leaning + if is_upright(&state, CONE) { 0.0 } else { 1.0 };
+        }
+        cost
+    }
+}
+
+/// The same by the angles of the joints: each of them moves all links beyond it.
+fn onto_joints(inertia: &mut [[f64; 3]; 3], force: &mut [f64; 3], n: usize) {
+    for i in (0..n - 1).rev() {
+        force[i] += force[i + 1];
+        for j in 0..n {
+            inertia[i][j] += inertia[i + 1][j];
+        }
+    }
+    for row in inertia.iter_mut().take(n) {
+        for j in (0..n - 1).rev() {
+            row[j] += row[j + 1];
+        }
+    }
+}
+
+/// Solves for positive definite `a` of size `n`.
+fn solve(mut a: [[f64; 3]; 3], mut b: [f64; 3], n: usize) -> [f64; 3] {
+    for pivot in 0..n {
+        for row in pivot + 1..n {
+            let share = a[row][pivot] / a[pivot][pivot];
+            for column in pivot..n {
+                a[row][column] -= share * a[pivot][column];
+            }
+            b[row] -= share * b[pivot];
+        }
+    }
+    for row in (0..n).rev() {
+        for column in row + 1..n {
+            b[row] -= a[row][column] * b[column];
+        }
+        b[row] /= a[row][row];
+    }
+    b
+}
+
+/// The angle of every link against the upright.
+fn leans(state: &[f64]) -> impl Iterator<Item = f64> {
+    state.iter().step_by(2).scan(0.0, |total, angle| {
+        *total += angle;
+        Some(*total)
+    })
+}
+
+/// Whether every link is within `reach` of upright.
+fn is_upright(state: &[f64], reach: f64) -> bool {
+    leans(state).all(|angle| angle.abs() < reach)
+}
+
+impl Environment for ThreePole {
+    fn frame_size(&self) -> (usize, usize) {
+        (SIDE, SIDE)
+    }
+
+    fn frames(&self) -> usize {
+        2
+    }
+
+    fn action_limit(&self) -> &[f64] {
+        &MAX_TORQUE[..self.links]
+    }
+
+    fn latent_dim(&self) -> usize {
+        8
+    }
+
+    fn horizon(&self) -> usize {
+        200
+    }
+
+    fn step(&self, state: &[f64], action: &[f64], rng: &mut Rng) -> Vec<f64> {
+        disturbed(self.dynamics(state, action), self.noise, rng)
+    }
+
+    fn render(&self, state: &[f64], frame: &mut [u8]) {
+        let mut canvas = Canvas::new(frame, SIDE);
+        let length = (SIDE / 2) as f64 / self.links as f64 - 2.0;
+        let mut joint = [(SIDE / 2) as f64; 2];
+        for angle in leans(state) {
+            let end = [joint[0] + length * libm::sin(angle), joint[1] - length * libm::cos(angle)];
+            canvas.line(joint, end, 5);
+            joint = end;
+        }
+    }
+
+    fn sample_state(&self, rng: &mut Rng) -> Vec<f64> {
+        MAX_ANGLE[..self.links].iter().flat_map(|&reach| [within(rng, reach), within(rng, MAX_OMEGA)]).collect()
+    }
+
+    /// Prefers half of every angle's range, around the upright.
+    fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Vec<f64> {
+        let mut state = self.sample_state(rng);
+        if is_preferred {
+            state.iter_mut().step_by(2).for_each(|angle| *angle /= 2.0);
+        }
+        state
+    }
+
+    fn biased_share(&self) -> f64 {
+        0.2
+    }
+
+    /// Always the same, as in the paper, close to its π, 2π/3, π/3.
+    fn sample_start(&self, _: &mut Rng) -> Vec<f64> {
+        self.state_of(START)
+    }
+
+    fn goals(&self) -> Vec<Vec<f64>> {
+        vec![self.state_of([0.0; 3])]
+    }
+
+    fn at_goal(&self, state: &[f64], _: &[f64], radius: f64) -> bool {
+        is_upright(state, radius)
+    }
+
+    fn goal_radius(&self) -> f64 {
+        PI / 6.0
+    }
+
+    /// Angles of the first two links, at rest; the third is in line with the second.
+    fn map_states(&self) -> Vec<(Vec<f64>, [usize; 2])> {
+        let at_rest = |([first, second], cell): ([f64; 2], _)| (self.state_of([first, second, 0.0]), cell);
+        pole::grid([MAX_ANGLE[0], MAX_ANGLE[1]], [37, 33]).map(at_rest).collect()
+    }
+
+    /// With the same velocities: two frames show the mean velocities between them.
+    fn before(&self, state: &[f64]) -> Vec<f64> {
+        let step = self.step_from(state);
+        state.as_chunks::<2>().0.iter().flat_map(|&[angle, omega]| [angle - omega * step, omega]).collect()
+    }
+
+    fn place(&self, state: &[f64]) -> [f32; 2] {
+        [share(state[0], MAX_ANGLE[0]), share(state[2], MAX_ANGLE[1])]
+    }
+
+    /// The direction of every link.
+    fn coordinates(&self, state: &[f64]) -> Vec<f32> {
+        leans(state).flat_map(|angle| [libm::cos(angle) as f32, libm::sin(angle) as f32]).collect()
+    }
+
+    fn place_radius(&self, radius: f64) -> f32 {
+        (radius / (2.0 * MAX_ANGLE[0])) as f32
+    }
+
+    /// Plans ahead: thoroughly at first, then by mending the rest of the last plan.
+    fn oracle(&self) -> Oracle<'_> {
+        const HORIZON: usize = 24;
+        const AHEAD: usize = 10;
+        let mut plan: Vec<f64> = Vec::new();
+        Box::new(move |state, _, rng| {
+            let n = self.links;
+            let (sigma, effort) = if plan.is_empty() {
+                plan = vec![0.0; HORIZON * n];
+                (1.0, Effort { plans: 400, rounds: 20 })
+            } else {
+                plan.drain(..n);
+                plan.resize(plan.len().max(AHEAD * n), 0.0);
+                (0.3, Effort { plans: 40, rounds: 2 })
+            };
+            plan = improve(&plan, sigma, effort, |plan| self.cost(state, plan), rng);
+            plan[..n].iter().zip(MAX_TORQUE).map(|(u, limit)| u * limit).collect()
+        })
+    }
+
+    /// The best found, not a proven bound.
+    fn ceiling(&self) -> Option<f64> {
+        ((self.links, self.step, self.noise) == (3, 0.05, 0.0)).then_some(91.54)
+    }
+
+    fn paper_online(&self) -> Option<f64> {
+        (self.links == 3).then_some(62.17)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Energy of motion and height, computed link by link from where its weight is and how fast that moves. The ridge acts
+    /// as a small wheel in every joint.
+    fn energy(state: &State, links: usize) -> f64 {
+        let (mut joint, mut speed, mut angle, mut omega, mut energy) = ([0.0; 2], [0.0; 2], 0.0, 0.0, 0.0);
+        for joint_state in &state.as_chunks::<2>().0[..links] {
+            angle += joint_state[0];
+            omega += joint_state[1];
+            energy += 0.5 * RIDGE * joint_state[1] * joint_state[1];
+            let (sin, cos) = (libm::sin(angle), libm::cos(angle));
+            let at = |along: f64| [joint[0] + along * sin, joint[1] + along * cos];
+            let moves = |along: f64| [speed[0] + along * omega * cos, speed[1] - along * omega * sin];
+            let (centre, velocity) = (at(CENTRE), moves(CENTRE));
+            // A rod turns about its middle with m l² / 12.
+            let turning = MASS * LENGTH * LENGTH / 12.0 * omega * omega;
+            energy += 0.5 * (MASS * (velocity[0] * velocity[0] + velocity[1] * velocity[1]) + turning);
+            energy += MASS * GRAVITY * centre[1];
+            (joint, speed) = (at(LENGTH), moves(LENGTH));
+        }
+        energy
+    }
+
+    #[test]
+    fn free_motion_keeps_its_energy() {
+        for links in [2, 3] {
+            let arm = ThreePole { noise: 0.0, step: 0.05, links };
+            let start: State =
+                if links == 2 { [0.4, 0.5, -0.3, 1.0, 0.0, 0.0] } else { [0.4, 0.5, -0.3, 1.0, 0.2, -0.8] };
+            let (mut state, mut farthest) = (start, 0.0_f64);
+            for _ in 0..1000 {
+                state = ode::after(|state| arm.slope(state, &[0.0; 3]), state, &[], 0.001);
+                farthest = farthest.max((energy(&state, links) - energy(&start, links)).abs());
+            }
+            assert!(farthest < 1e-9, "{links} links: {farthest}");
+            assert!(state.iter().zip(start).take(2 * links).all(|(a, b)| (a - b).abs() > 0.05), "it moves");
+        }
+    }
+
+    #[test]
+    fn a_torque_lowers_its_angle() {
+        for links in [2, 3] {
+            let arm = ThreePole { noise: 0.0, step: 0.05, links };
+            for joint in 0..links {
+                let mut torques = [0.0; 3];
+                torques[joint] = 0.1;
+                assert!(arm.slope(&[0.0; 6], &torques)[2 * joint + 1] < 0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn steps_are_shorter_close_to_upright() {
+        let arm = ThreePole { noise: 0.0, step: 0.05, links: 3 };
+        assert_eq!(arm.step_from(&[0.1, 0.0, 0.1, 0.0, 0.1, 0.0]), 0.02);
+        assert_eq!(arm.step_from(&[0.3, 0.0, 0.3, 0.0, 0.0, 0.0]), 0.05);
+    }
+}

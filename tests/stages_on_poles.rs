@@ -1,0 +1,125 @@
+//! The stages on tasks whose observation is two frames, and what `generate_data` and `evaluate` do beside the usual.
+
+mod tiny;
+
+use carl_pipe::{
+    artifact::{Artifact as _, Evaluation, Files, Transitions},
+    env::Task,
+};
+use serde_json::{Value, json};
+
+fn task(env: &str) -> Task {
+    serde_json::from_value(json!({ "env": env })).expect("a task")
+}
+
+fn run(env: &str, kind: &str, given: Value, inputs: &tiny::Inputs<'_>) -> Files {
+    tiny::run_for(&task(env), kind, given, inputs, tiny::stream(kind), 2).expect("a stage that works")
+}
+
+fn data(env: &str, given: Value) -> Transitions {
+    Transitions::load(&run(env, "generate_data", given, &[])).expect("transitions")
+}
+
+/// Observations as (older frame, newer frame), and the next ones.
+fn frames(data: &Transitions) -> Vec<[&[u8]; 4]> {
+    let pixels = data.pixels();
+    let pairs = data.observations.chunks_exact(pixels).zip(data.next_observations.chunks_exact(pixels));
+    pairs.map(|(x, next)| [&x[..pixels / 2], &x[pixels / 2..], &next[..pixels / 2], &next[pixels / 2..]]).collect()
+}
+
+#[test]
+fn the_newer_frame_of_an_observation_is_the_older_one_of_the_next() {
+    for (env, picture, action_dim) in
+        [("swing_up", (96, 48), 1), ("cart_pole", (160, 80), 1), ("three_pole", (160, 80), 3)]
+    {
+        let data = data(env, json!({ "samples": 30 }));
+        assert_eq!((data.picture, data.action_dim, data.len()), (picture, action_dim, 30), "{env}");
+        let frames = frames(&data);
+        assert!(frames.iter().all(|[_, newer, older, _]| newer == older), "{env}");
+        // A true step lies between them.
+        assert!(frames.iter().filter(|[older, newer, ..]| older != newer).count() > 20, "{env}");
+        let (older, newer) = data.goals.split_at(data.pixels() / 2);
+        assert!(older == newer, "the goal of {env} is at rest");
+    }
+}
+
+#[test]
+fn transitions_of_a_trajectory_follow_each_other() {
+    for (env, trajectory) in [("planar", 5), ("swing_up", 4)] {
+        let data = data(env, json!({ "samples": 12, "trajectory": trajectory }));
+        let pixels = data.pixels();
+        for i in 1..data.len() {
+            let before = &data.next_observations[(i - 1) * pixels..i * pixels];
+            let follows = data.observations[i * pixels..(i + 1) * pixels] == *before;
+            assert_eq!(follows, i % trajectory != 0, "{env}, transition {i}");
+        }
+    }
+}
+
+#[test]
+fn biased_sampling_shows_another_part_of_the_world() {
+    // The agent of the planar task is in the lower right corner only outside of the preferred square.
+    let corner = |data: &Transitions| {
+        let lit = |picture: &&[u8]| (35..40).any(|row| picture[row * 40 + 35..row * 40 + 40].contains(&255));
+        data.observations.chunks_exact(1600).filter(lit).count()
+    };
+    let sampled = |given: Value| corner(&data("planar", given));
+    assert!(sampled(json!({ "samples": 600 })) > 5);
+    assert_eq!(sampled(json!({ "samples": 600, "region": "biased", "biased_share": 1.0 })), 0);
+    // The preset takes each task's share from the paper.
+    assert_ne!(
+        data("swing_up", json!({ "samples": 20 })),
+        data("swing_up", json!({ "samples": 20, "region": "biased" }))
+    );
+}
+
+#[test]
+fn a_pendulum_is_learned_collected_and_measured() {
+    let bootstrap = run("swing_up", "generate_data", json!({ "samples": 16 }), &[]);
+    let few = json!({ "epochs": 2, "warm_up_epochs": 1, "anchor_epochs": 0, "ramp_epochs": 1 });
+    let model = run("swing_up", "train_lce", few, &[("transitions", &[&bootstrap])]);
+    let learn: &tiny::Inputs<'_> = &[("transitions", &[&bootstrap]), ("model", &[&model])];
+    let agent = run("swing_up", "train_sac", json!({ "steps": 2 }), learn);
+    let learned: &tiny::Inputs<'_> = &[("model", &[&model]), ("agent", &[&agent])];
+    let collected =
+        Transitions::load(&run("swing_up", "collect", json!({ "samples": 9 }), learned)).expect("transitions");
+    let frames = frames(&collected);
+    assert!(frames[0][0] == frames[0][1], "a start is at rest");
+    assert!(frames.windows(2).all(|two| two[0][2..] == two[1][..2]), "steps follow each other");
+    let evaluation =
+        Evaluation::load(&run("swing_up", "evaluate", json!({ "episodes": 1 }), learned)).expect("results");
+    assert_eq!((evaluation.horizon, evaluation.episodes[0].path.len()), (400, 402));
+    run("swing_up", "export_latent_map", json!({}), &[("model", &[&model])]);
+}
+
+#[test]
+fn an_oracle_is_measured_without_model_and_agent() {
+    let given = json!({ "controller": "oracle", "episodes": 2 });
+    let files = run("swing_up", "evaluate", given, &[]);
+    let evaluation = Evaluation::load(&files).expect("results");
+    assert!((evaluation.percent_goal - 98.5).abs() < 0.01, "{}", evaluation.percent_goal);
+    assert_eq!(evaluation.policy_alone, evaluation.percent_goal);
+    assert!((evaluation.share_of_ceiling.expect("a ceiling") - 100.0).abs() < 0.01);
+    let told: Value = serde_json::from_slice(&files["evaluation.json"]).expect("JSON");
+    assert_eq!(told["controller"], "oracle");
+}
+
+#[test]
+fn an_agent_is_not_measured_without_model_and_agent() {
+    let failed = tiny::run_for(&task("planar"), "evaluate", json!({}), &[], tiny::stream("evaluate"), 1);
+    assert_eq!(failed.unwrap_err().to_string(), "an agent needs the inputs `model` and `agent`");
+}
+
+#[test]
+fn convolutional_tasks_are_learned_and_collected() {
+    for env in ["cart_pole", "three_pole"] {
+        let bootstrap = run(env, "generate_data", json!({ "samples": 4 }), &[]);
+        let few = json!({ "epochs": 3, "warm_up_epochs": 2, "anchor_epochs": 1, "ramp_epochs": 1 });
+        let model = run(env, "train_lce", few, &[("transitions", &[&bootstrap])]);
+        let learn: &tiny::Inputs<'_> = &[("transitions", &[&bootstrap]), ("model", &[&model])];
+        let agent = run(env, "train_sac", json!({ "steps": 2 }), learn);
+        let learned: &tiny::Inputs<'_> = &[("model", &[&model]), ("agent", &[&agent])];
+        let collected = run(env, "collect", json!({ "samples": 3 }), learned);
+        assert_eq!(Transitions::load(&collected).expect("transitions").len(), 3, "{env}");
+    }
+}
