@@ -28,7 +28,7 @@ use carl_pipe::{
     },
     nn::{
         adam::{Adam, AdamSettings},
-        mat,
+        mat, noise,
     },
     rng::Rng,
 };
@@ -126,6 +126,27 @@ fn model_and_data() -> (LceModel, Data) {
     (model, data)
 }
 
+/// A small convolutional model on two frames of random pictures.
+fn convolutional_model_and_data(samples: usize) -> (LceModel, Data) {
+    let sizes = Sizes {
+        pixels: 2 * 16 * 24,
+        latent: 2,
+        action: 2,
+        convolution: Some([2, 16, 24]),
+        encoder: [60, 20],
+        decoder: [20, 60],
+        dynamics: [8, 8],
+        backward: [3, 3, 10, 10],
+    };
+    let mut rng = Rng::seed_from_u64(1);
+    let frames: Vec<u8> = (0..2 * samples * sizes.pixels).map(|_| u8::from(noise::index(&mut rng, 20) == 0)).collect();
+    let actions = (0..2 * samples).map(|_| noise::uniform(&mut rng, -1.0, 1.0)).collect();
+    let background = background(&frames, sizes.pixels);
+    let model = LceModel::new(sizes, background, &mut rng);
+    let data = Data { pictures: model.pictures(&frames), actions, action_dim: 2 };
+    (model, data)
+}
+
 #[test]
 fn the_counter_counts() {
     let one = asked(|| drop(std::hint::black_box(Vec::<u8>::with_capacity(77))));
@@ -153,7 +174,12 @@ fn large_products_allocate_once_for_each_thread_and_small_ones_never() {
 
 #[test]
 fn a_training_step_of_the_representation_allocates_nothing() {
-    let (model, data) = model_and_data();
+    for (model, data) in [model_and_data(), convolutional_model_and_data(2 * trainer::BATCH)] {
+        a_training_step_allocates_nothing(model, &data);
+    }
+}
+
+fn a_training_step_allocates_nothing(model: LceModel, data: &Data) {
     let adam = Adam::new(model.arena.len());
     let mut trainer = Trainer::new(model, adam, AdamSettings { learning_rate: 5e-4, weight_decay: 1e-3 });
     let warm_up = WarmUp { sigma: 0.3, scale: 1.0, anchor: 30.0, outlier: 3.0, shrink: 0.01 };
@@ -183,12 +209,12 @@ fn a_training_step_of_the_representation_allocates_nothing() {
     let mut rng = Rng::seed_from_u64(3);
     let which: Vec<u32> = (0..data.len() as u32).collect();
     let (first, second) = which.split_at(trainer::BATCH);
-    trainer.warm_up_step(1, &data, first, &warm_up, true, &mut rng);
-    trainer.step(1, &data, first, &objective, &mut rng);
+    trainer.warm_up_step(1, data, first, &warm_up, true, &mut rng);
+    trainer.step(1, data, first, &objective, &mut rng);
     // The last batch of an epoch is smaller than the others.
     for which in [second, first, &second[..37]] {
-        let of_warm_up = asked(|| _ = trainer.warm_up_step(1, &data, which, &warm_up, true, &mut rng));
-        let of_step = asked(|| _ = trainer.step(1, &data, which, &objective, &mut rng));
+        let of_warm_up = asked(|| _ = trainer.warm_up_step(1, data, which, &warm_up, true, &mut rng));
+        let of_step = asked(|| _ = trainer.step(1, data, which, &objective, &mut rng));
         assert_eq!((of_warm_up, of_step), (NOTHING, NOTHING), "{} samples", which.len());
     }
 }

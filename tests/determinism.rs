@@ -59,13 +59,39 @@ fn model_and_data(samples: usize) -> (LceModel, Data) {
     (model, data)
 }
 
+/// A small convolutional model on two frames of random pictures.
+fn convolutional_model_and_data(samples: usize) -> (LceModel, Data) {
+    let sizes = Sizes {
+        pixels: 2 * 16 * 24,
+        latent: 2,
+        action: 2,
+        convolution: Some([2, 16, 24]),
+        encoder: [60, 20],
+        decoder: [20, 60],
+        dynamics: [8, 8],
+        backward: [3, 3, 10, 10],
+    };
+    let mut rng = Rng::seed_from_u64(1);
+    let frames: Vec<u8> = (0..2 * samples * sizes.pixels).map(|_| u8::from(noise::index(&mut rng, 20) == 0)).collect();
+    let actions = (0..2 * samples).map(|_| noise::uniform(&mut rng, -1.0, 1.0)).collect();
+    let background = background(&frames, sizes.pixels);
+    let model = LceModel::new(sizes, background, &mut rng);
+    let data = Data { pictures: model.pictures(&frames), actions, action_dim: 2 };
+    (model, data)
+}
+
 fn bits(values: &[f32]) -> Vec<u32> {
     values.iter().map(|x| x.to_bits()).collect()
 }
 
 #[test]
 fn threads_change_no_bit_of_the_representation() {
-    let (model, data) = model_and_data(128);
+    for (model, data) in [model_and_data(128), convolutional_model_and_data(128)] {
+        threads_change_no_bit_of(&model, &data);
+    }
+}
+
+fn threads_change_no_bit_of(model: &LceModel, data: &Data) {
     let guidance: Vec<f32> = (0..128).map(|i| 0.5 + (i % 7) as f32 * 0.1).collect();
     let pull = |transition: usize, z: &[f32], weight: f32, d_z: &mut [f32]| {
         let steep = 1.0 + transition as f32 * 0.01;
@@ -98,9 +124,9 @@ fn threads_change_no_bit_of_the_representation() {
             let mut rng = Rng::seed_from_u64(3);
             let mut terms = Vec::new();
             for which in &batches {
-                let warm = trainer.warm_up_step(threads, &data, which, &warm_up, true, &mut rng);
+                let warm = trainer.warm_up_step(threads, data, which, &warm_up, true, &mut rng);
                 let after_warm_up = bits(&trainer.model.arena);
-                terms.push((warm, trainer.step(threads, &data, which, &objective, &mut rng), after_warm_up));
+                terms.push((warm, trainer.step(threads, data, which, &objective, &mut rng), after_warm_up));
             }
             (terms, bits(&trainer.model.arena), bits(&trainer.adam.m), bits(&trainer.adam.v))
         })

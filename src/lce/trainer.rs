@@ -166,3 +166,69 @@ impl<T: Real> Trainer<T> {
         terms
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+
+    use super::*;
+    use crate::{
+        lce::{Sizes, model::background},
+        nn::tests::on_every_instruction_set,
+    };
+
+    #[test]
+    fn every_instruction_set_trains_to_the_same_bits() {
+        let dense = Sizes {
+            pixels: 75,
+            latent: 2,
+            action: 2,
+            convolution: None,
+            encoder: [70, 33],
+            decoder: [21, 40],
+            dynamics: [9, 8],
+            backward: [3, 4, 50, 21],
+        };
+        let convolution = Sizes {
+            pixels: 2 * 8 * 16,
+            convolution: Some([2, 8, 16]),
+            encoder: [20, 12],
+            decoder: [12, 20],
+            ..dense.clone()
+        };
+        for sizes in [dense, convolution] {
+            let mut rng = Rng::seed_from_u64(1);
+            let count = 11;
+            let frames: Vec<u8> =
+                (0..2 * count * sizes.pixels).map(|_| u8::from(noise::index(&mut rng, 6) == 0)).collect();
+            let actions: Vec<f32> = (0..2 * count).map(|_| noise::uniform(&mut rng, -1.0, 1.0)).collect();
+            let model = LceModel::<f32>::new(sizes.clone(), background(&frames, sizes.pixels), &mut rng);
+            let data = Data { pictures: model.pictures(&frames), actions, action_dim: 2 };
+            let which: Vec<u32> = (0..count as u32).collect();
+            let weights = Weights {
+                reconstruction: 1.0,
+                consistency: 7.0,
+                curvature: 1.0,
+                encode_decode: 0.01,
+                prior: 0.01,
+                deterministic: 0.3,
+                regularizer: 0.0,
+                anchor: 3.0,
+            };
+            let objective =
+                Objective { weights, curvature_sigma: 0.1, anchor_scale: 1.0, guidance: None, regularizer: None };
+            let warm_up = WarmUp { sigma: 0.3, scale: 1.0, anchor: 30.0, outlier: 3.0, shrink: 0.01 };
+            on_every_instruction_set(|| {
+                let settings = AdamSettings { learning_rate: 1e-3, weight_decay: 1e-3 };
+                let mut trainer = Trainer::new(model.clone(), Adam::new(model.arena.len()), settings);
+                let mut rng = Rng::seed_from_u64(2);
+                for _ in 0..3 {
+                    trainer.warm_up_step(1, &data, &which, &warm_up, true, &mut rng);
+                    trainer.step(1, &data, &which, &objective, &mut rng);
+                }
+                let bits = |x: &[f32]| x.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+                (bits(&trainer.model.arena), bits(&trainer.model.encode(&data.pictures)))
+            });
+        }
+    }
+}

@@ -24,5 +24,40 @@ pub fn vectorize<R>(body: impl FnOnce() -> R) -> R {
 
 /// The widest instruction set of this machine.
 pub(crate) fn arch() -> pulp::Arch {
+    #[cfg(test)]
+    if let Some(arch) = tests::FORCED.get() {
+        return arch;
+    }
     pulp::Arch::new()
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use std::{cell::Cell, fmt::Debug};
+
+    use pulp::{
+        Arch,
+        x86::{V3, V4},
+    };
+
+    thread_local! {
+        /// What this thread takes for the machine's instruction set.
+        pub(super) static FORCED: Cell<Option<Arch>> = const { Cell::new(None) };
+    }
+
+    /// Does the same work with every instruction set of this machine, and compares.
+    pub(crate) fn on_every_instruction_set<R: PartialEq + Debug>(work: impl Fn() -> R) {
+        let wide = [V4::try_new().map(Arch::V4), V3::try_new().map(Arch::V3)];
+        let plain = work_on(Arch::Scalar, &work);
+        for arch in wide.into_iter().flatten() {
+            assert!(work_on(arch, &work) == plain, "{arch:?} gives other bits");
+        }
+    }
+
+    fn work_on<R>(arch: Arch, work: impl Fn() -> R) -> R {
+        FORCED.set(Some(arch));
+        let result = work();
+        FORCED.set(None);
+        result
+    }
 }

@@ -306,3 +306,17 @@ fn slow_networks_move_by_their_share_and_targets_stay_without_a_bootstrap() {
         assert_eq!(trainer.agent.targets == targets, !bootstrap);
     }
 }
+
+#[test]
+fn every_instruction_set_trains_to_the_same_bits() {
+    let (model, codes) = (known_model(), codes());
+    crate::nn::tests::on_every_instruction_set(|| {
+        let mut trainer = SacTrainer::new(agent(), &model, &codes, Sac { bootstrap: true, ..settings() });
+        let mut rng = Rng::seed_from_u64(9);
+        for _ in 0..3 {
+            trainer.step(1, 1.0, &mut rng);
+        }
+        let bits = |x: &[f32]| x.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+        (bits(&trainer.agent.actor.arena), bits(&trainer.agent.critics[0].arena))
+    });
+}

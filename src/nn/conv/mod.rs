@@ -10,6 +10,8 @@
 mod kernels;
 mod lit;
 mod stack;
+#[cfg(test)]
+mod tests;
 
 pub use lit::Lit;
 pub use stack::{Shares, Stack, StackMut, StackPass};
