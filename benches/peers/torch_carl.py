@@ -9,7 +9,7 @@ from torch.nn import functional as F
 
 import torch_data
 from torch_data import TASKS
-from torch_parts import Mlp, adam, compiled
+from torch_parts import Mlp, adam, maker
 
 BATCH = 128
 SAMPLES = 2048
@@ -171,7 +171,7 @@ class CarlStep:
         # The compiler does best with channels last, too.
         is_compiled, channels_last = variant == "compile", variant != "default" and task.convolutional
         self.model = Carl(task, channels_last, bernoulli_compiled if is_compiled else Bernoulli.apply)
-        self.loss = compiled(self.model) if is_compiled else self.model
+        self.loss = maker(variant)(self.model)
         self.optimizer = adam(self.model.parameters(), lr=5e-4, weight_decay=1e-3)
         self.batches = [self.lay(*batch) for batch in torch_data.batches(task, SAMPLES, BATCH)]
         self.steps = 0

@@ -8,7 +8,7 @@ import torch
 from torch.nn import functional as F
 
 from torch_data import TASKS
-from torch_parts import adam, compiled
+from torch_parts import adam, maker
 
 BATCH = 128
 LATENT, ACTION = 2, 2
@@ -140,7 +140,7 @@ class SacStep:
         self.flat_targets = [p for target in self.agent.targets for p in target]
         self.buffer = torch.zeros(BUFFER, 3 * LATENT + ACTION)
         self.filled = 0
-        make = compiled if variant == "compile" else lambda function: function
+        make = maker(variant)
         self.fresh_tuples, self.critic_targets = make(fresh_tuples), make(critic_targets)
         self.critic_loss, self.actor_loss = make(critic_loss), make(actor_loss)
 
