@@ -32,10 +32,8 @@ impl Step {
     fn new() -> Self {
         let device = Device::flex().autodiff();
         device.seed(0);
-        let adam = AdamConfig::new()
-            .with_epsilon(1e-8)
-            .with_weight_decay(Some(WeightDecayConfig { penalty: 1e-3 }))
-            .init();
+        let adam =
+            AdamConfig::new().with_epsilon(1e-8).with_weight_decay(Some(WeightDecayConfig { penalty: 1e-3 })).init();
         Self { model: Carl::new(&device), adam, batches: data::batches(&device), device, steps: 0 }
     }
 
