@@ -79,7 +79,7 @@ def main():
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--variant", default="default", choices=["default", "channels-last", "compile", "script"])
     parser.add_argument("--steps", type=int, default=200, help="of `check`")
-    parser.add_argument("--no-bootstrap", dest="bootstrap", action="store_false", help="of `sac`: end at the rollout")
+    parser.add_argument("--bootstrap", action="store_true", help="of `sac`: targets end with a critic's value")
     arguments = parser.parse_args()
     {"serve": serve, "check": check}[arguments.verb](arguments)
 
