@@ -6,6 +6,7 @@ use carl_pipe::{
         agent::Whitening,
         sac::{Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
     },
+    env::Task,
     lce::{
         LceModel, Sizes,
         model::background,
@@ -19,6 +20,7 @@ use carl_pipe::{
     rng::Rng,
 };
 use rand::SeedableRng as _;
+use serde_json::json;
 
 /// All of them.
 pub(crate) const NAMES: [&str; 6] = ["planar", "swing_up", "cart_pole", "three_pole", "sac", "act"];
@@ -37,7 +39,7 @@ impl Work {
         match name {
             "sac" => sac(threads),
             "act" => act(),
-            _ => represent(sizes(name), threads),
+            _ => represent(name, threads),
         }
     }
 
@@ -68,49 +70,36 @@ fn sizes(name: &str) -> Sizes {
     }
 }
 
-/// Pictures with as many lit pixels as the tasks have: a still background in planar, a moving bar elsewhere.
-fn pictures(sizes: &Sizes, count: usize, rng: &mut Rng) -> Vec<u8> {
-    let mut frames = vec![0; count * sizes.pixels];
-    let planar = sizes.pixels == 1600;
-    let (side, frames_each) = match sizes.pixels {
-        1600 => (40, 1),
-        4608 => (48, 2),
-        _ => (80, 2),
-    };
-    for frame in frames.chunks_exact_mut(side * side * frames_each).flat_map(|x| x.chunks_exact_mut(side * side)) {
-        let mut fill = |row: usize, column: usize, height: usize, width: usize| {
-            for r in row..row + height {
-                frame[r * side + column..r * side + column + width].fill(1);
-            }
-        };
-        if planar {
-            for (row, column) in [(18, 3), (18, 11), (18, 25), (18, 33), (8, 18), (28, 18)] {
-                fill(row, column, 5, 4);
-            }
-            fill(noise::index(rng, side - 2), noise::index(rng, side - 2), 2, 2);
-        } else {
-            let (length, width) = (side * 5 / 8, if side == 48 { 3 } else { 6 });
-            fill(noise::index(rng, side - length), noise::index(rng, side - width), length, width);
-        }
+/// Transitions of the task itself: x and x' in turn, and actions.
+fn transitions(name: &str, rng: &mut Rng) -> (Vec<u8>, Vec<f32>) {
+    let task: Task = serde_json::from_value(json!({ "env": name })).expect("a task");
+    let env = task.open();
+    let (mut frames, mut actions) = (Vec::new(), Vec::new());
+    for _ in 0..TRANSITIONS {
+        let before = env.sample_state(rng);
+        let now = env.step(&before, &env.sample_action(rng), rng);
+        let action = env.sample_action(rng);
+        let next = env.step(&now, &action, rng);
+        frames.extend(env.observe(&before, &now));
+        frames.extend(env.observe(&now, &next));
+        actions.extend(action.iter().zip(&*env.action_limit()).map(|(u, limit)| (u / limit) as f32));
     }
-    frames
+    (frames, actions)
 }
 
-fn model_and_data(sizes: Sizes) -> (LceModel, Data) {
-    let mut rng = Rng::seed_from_u64(1);
-    let frames = pictures(&sizes, 2 * TRANSITIONS, &mut rng);
-    let background = background(&frames, sizes.pixels);
-    let action_dim = sizes.action;
-    let actions = (0..TRANSITIONS * action_dim).map(|_| noise::uniform(&mut rng, -1.0, 1.0)).collect();
+fn model_and_data(name: &str) -> (LceModel, Data) {
+    let (sizes, mut rng) = (sizes(name), Rng::seed_from_u64(1));
+    let (frames, actions) = transitions(name, &mut rng);
+    let (background, action_dim) = (background(&frames, sizes.pixels), sizes.action);
     let model = LceModel::new(sizes, background, &mut rng);
     let data = Data { pictures: model.pictures(&frames), actions, action_dim };
     (model, data)
 }
 
 /// One step of CARL's loss, all terms, with Adam.
-fn represent(sizes: Sizes, threads: usize) -> Work {
-    let gflop = step_flop(&sizes) / 1e9;
-    let (model, data) = model_and_data(sizes);
+fn represent(name: &str, threads: usize) -> Work {
+    let (model, data) = model_and_data(name);
+    let gflop = step_flop(&model.sizes) / 1e9;
     let settings = AdamSettings { learning_rate: 5e-4, weight_decay: 1e-3 };
     let adam = Adam::new(model.arena.len());
     let mut trainer = Trainer::new(model, adam, settings);
@@ -180,7 +169,7 @@ fn step_flop(sizes: &Sizes) -> f64 {
 
 /// One update of SAC, k = 5.
 fn sac(threads: usize) -> Work {
-    let (model, data) = model_and_data(Sizes::planar());
+    let (model, data) = model_and_data("planar");
     let (n, a) = (model.sizes.latent, model.sizes.action);
     let codes = Codes {
         data: model.encode(&data.pictures),
@@ -224,12 +213,12 @@ fn sac(threads: usize) -> Work {
 
 /// Encoder and policy on one observation of planar.
 fn act() -> Work {
-    let (model, data) = model_and_data(Sizes::planar());
+    let (model, data) = model_and_data("planar");
     let (n, a) = (model.sizes.latent, model.sizes.action);
     let mut rng = Rng::seed_from_u64(3);
     let agent = Agent::new(n, a, Whitening::identity(n), 0.1, &mut rng);
     let goal = model.encode_means(&data.pictures)[..n].to_vec();
-    let frames = pictures(&model.sizes, 1, &mut rng);
+    let frames = transitions("planar", &mut rng).0[..model.sizes.pixels].to_vec();
     let gflop = 2.0 * (dense(&[1600, 300, 300, 2 * n]) + dense(&[2 * n, 256, 256, 2 * a])) / 1e9;
     let step = move || {
         let z = model.encode_means(&model.pictures(&frames));

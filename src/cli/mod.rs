@@ -131,7 +131,7 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
             .map_err(|error| Error::usage(format!("cannot change to {}: {error}", folder.display())))?;
     }
     match verb {
-        Verb::Run(args) => run::run(&global, &args, argv, kinds),
+        Verb::Run(args) => same_bits_everywhere().and_then(|()| run::run(&global, &args, argv, kinds)),
         Verb::Status(args) => status::status(&global, &args, kinds),
         Verb::Why(args) => why::why(&global, &args, kinds),
         Verb::Dag(args) => dag::dag(&args, kinds, global.color),
@@ -140,7 +140,7 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
         Verb::Show(args) => log::show(&global, &args),
         Verb::View(args) => view::view(&global, &args),
         Verb::Plot(args) => plot::plot(&global, &args, kinds),
-        Verb::Replay(args) => replay::replay(&global, &args, kinds),
+        Verb::Replay(args) => same_bits_everywhere().and_then(|()| replay::replay(&global, &args, kinds)),
         Verb::Gc(args) => gc::gc(&global, &args),
         Verb::Completions { shell } => {
             let mut script = Vec::new();
@@ -149,6 +149,15 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
             Ok(Exit::Ok)
         }
     }
+}
+
+/// Refuses processors on which faer's products would round differently: without fused multiply-adds.
+fn same_bits_everywhere() -> Result<(), Error> {
+    if crate::nn::has_fused_vectors() {
+        return Ok(());
+    }
+    let text = "this processor has no AVX2 and FMA, so its results would differ from those of other machines";
+    Err(Error::new(Exit::Store, text).help("run it on an x86-64 processor made after 2015"))
 }
 
 /// Writes an error to standard error: a clause, then help that names the next step.

@@ -22,6 +22,11 @@ pub fn vectorize<R>(body: impl FnOnce() -> R) -> R {
     arch().dispatch(body)
 }
 
+/// Whether products are chains of fused multiply-adds on this machine, as on all that give the same results.
+pub(crate) fn has_fused_vectors() -> bool {
+    !matches!(pulp::Arch::new(), pulp::Arch::Scalar)
+}
+
 /// The widest instruction set of this machine.
 pub(crate) fn arch() -> pulp::Arch {
     #[cfg(test)]

@@ -4,6 +4,8 @@
 //! Every entry is one chain of fused multiply-adds, over taps and then channels or over pixels, so neither the size of
 //! a tile nor the instruction set changes a bit.
 
+use std::ops::Range;
+
 use pulp::{Simd, WithSimd};
 
 use crate::nn::Real;
@@ -151,6 +153,9 @@ impl<T: Real> Correlate<'_, T> {
     }
 }
 
+/// Pixels whose products are summed before the sums are stored.
+const PIXELS: usize = 40;
+
 /// dw\[tap\]\[i\]\[o\] += Σ over pixels of x\[pixel + tap\]\[i\] dy\[pixel\]\[o\].
 pub(super) fn accumulate<T: Real>(grid: &Grid, x: &[T], dy: &[T], dw: &mut [T]) {
     crate::nn::arch().dispatch(Accumulate { grid, x, dy, dw });
@@ -190,15 +195,17 @@ impl<T: Real> Accumulate<'_, T> {
         }
     }
 
-    /// Row by row, so that what is read stays in the nearest cache.
+    /// A few rows at a time, so that what is read stays in the nearest cache and sums are not stored too often.
     #[inline(always)]
     fn rows<S: Simd, const STEP: usize, const C_OUT: usize, const V: usize, const I: usize>(&mut self, simd: S) {
         let (g, lanes) = (self.grid, T::count::<S>());
-        for row in 0..g.rows {
+        let at_once = (PIXELS / g.columns).max(1);
+        for row in (0..g.rows).step_by(at_once) {
+            let rows = row..(row + at_once).min(g.rows);
             for tap in 0..g.taps.len() {
                 for channel in (0..g.c_out).step_by(V * lanes) {
                     for input in (0..g.c_in).step_by(I) {
-                        self.tile::<S, STEP, C_OUT, V, I>(simd, row, tap, channel, input);
+                        self.tile::<S, STEP, C_OUT, V, I>(simd, rows.clone(), tap, channel, input);
                     }
                 }
             }
@@ -209,7 +216,7 @@ impl<T: Real> Accumulate<'_, T> {
     fn tile<S: Simd, const STEP: usize, const C_OUT: usize, const V: usize, const I: usize>(
         &mut self,
         simd: S,
-        row: usize,
+        rows: Range<usize>,
         tap: usize,
         channel: usize,
         input: usize,
@@ -218,16 +225,18 @@ impl<T: Real> Accumulate<'_, T> {
         let vectors = g.block() / lanes;
         let dw = T::cut_mut::<S>(&mut self.dw[g.at(tap, input, channel)..]);
         let mut sums: [[T::V<S>; V]; I] = std::array::from_fn(|i| std::array::from_fn(|v| dw[i * vectors + v]));
-        let x = &self.x[row * g.in_row + g.taps[tap] + input..];
-        // Chunks begin at the tile's own channels; what is left after the last pixel's may be short of a chunk.
-        let dy = self.dy[row * g.out_row..][..g.columns * C_OUT].as_chunks::<C_OUT>().0;
-        let x = x[..(g.columns - 1) * STEP + I].chunks(STEP);
-        for (x, dy) in x.zip(dy) {
-            let (x, dy) = (&x[..I], &T::cut::<S>(&dy[channel..channel + V * lanes])[..V]);
-            for i in 0..I {
-                let x = T::splat(simd, x[i]);
-                for v in 0..V {
-                    sums[i][v] = T::mul_add(simd, x, dy[v], sums[i][v]);
+        for row in rows {
+            let x = &self.x[row * g.in_row + g.taps[tap] + input..];
+            // Chunks begin at the tile's own channels; what is left after the last pixel's may be short of a chunk.
+            let dy = self.dy[row * g.out_row..][..g.columns * C_OUT].as_chunks::<C_OUT>().0;
+            let x = x[..(g.columns - 1) * STEP + I].chunks(STEP);
+            for (x, dy) in x.zip(dy) {
+                let (x, dy) = (&x[..I], &T::cut::<S>(&dy[channel..channel + V * lanes])[..V]);
+                for i in 0..I {
+                    let x = T::splat(simd, x[i]);
+                    for v in 0..V {
+                        sums[i][v] = T::mul_add(simd, x, dy[v], sums[i][v]);
+                    }
                 }
             }
         }
