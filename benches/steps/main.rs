@@ -36,7 +36,7 @@ fn main() {
             pool(threads).install(|| {
                 let mut work = Work::new(name, threads);
                 let peak = peak::gflops();
-                let ms = median(&times(&mut work, 3, usize::MAX)[1..].to_vec());
+                let ms = median(&times(&mut work, 3, usize::MAX)[1..]);
                 let rate = work.gflop() / ms * 1e3;
                 let share = 100.0 * rate / peak / threads as f64;
                 println!("{name:<11} {threads:>7} {ms:>10.3} {rate:>9.1} {share:>6.1}%");

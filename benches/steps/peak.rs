@@ -1,5 +1,7 @@
 //! The processor's peak: fused multiply-adds on registers and nothing else.
 
+#![allow(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
+
 use std::{hint::black_box, time::Instant};
 
 use pulp::{Arch, Simd, WithSimd};

@@ -82,7 +82,7 @@ fn transitions(name: &str, rng: &mut Rng) -> (Vec<u8>, Vec<f32>) {
         let next = env.step(&now, &action, rng);
         frames.extend(env.observe(&before, &now));
         frames.extend(env.observe(&now, &next));
-        actions.extend(action.iter().zip(&*env.action_limit()).map(|(u, limit)| (u / limit) as f32));
+        actions.extend(action.iter().zip(env.action_limit()).map(|(u, limit)| (u / limit) as f32));
     }
     (frames, actions)
 }

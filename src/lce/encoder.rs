@@ -81,7 +81,7 @@ impl<T: Real> EncoderPass<T> {
                 flat: Block::new(dense.layers[0].n_in * each, samples),
                 d_flat: Block::new(dense.layers[0].n_in * each, samples),
                 dense: Pass::new(dense, samples, each),
-                shares: stack.shares(lit.len()),
+                shares: stack.shares(lit.parameters()),
             },
         }
     }
@@ -236,7 +236,7 @@ impl Encoder {
                 };
                 let sums =
                     stack.gradient(threads, kernels, &mut pass.view(samples), shares, gradient, &fill, Some(&rest));
-                gradient[lit.weights.at..][..lit.len()].copy_from_slice(sums);
+                gradient[lit.weights.at..][..lit.parameters()].copy_from_slice(sums);
             }
             _ => unreachable!("made by another encoder"),
         }

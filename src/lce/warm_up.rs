@@ -74,8 +74,15 @@ pub struct WarmUpWorkspace<T> {
     d_dynamics_input: Block<T>,
     dynamics: Pass<T, 3>,
     terms: Block<T>,
-    shared: (Ready<T>, Vec<Kernels<T>>),
+    shared: Shared<T>,
     gradient: Vec<T>,
+}
+
+/// What all samples of a step share besides the model: its weights as the loops read them.
+#[derive(Debug, Clone)]
+struct Shared<T> {
+    encoder: Ready<T>,
+    decoder: Vec<Kernels<T>>,
 }
 
 cut_together! {
@@ -104,12 +111,12 @@ impl<T: Real> WarmUpWorkspace<T> {
             d_dynamics_input: Block::new(n + a, samples),
             dynamics: Pass::new(&nets.dynamics, samples, 1),
             terms: Block::new(4, samples),
-            shared: (nets.encoder.ready(), nets.decoder.ready()),
+            shared: Shared { encoder: nets.encoder.ready(), decoder: nets.decoder.ready() },
             gradient: vec![T::nil(); nets.layout.len],
         }
     }
 
-    fn columns(&mut self, samples: usize) -> (Columns<'_, T>, &mut (Ready<T>, Vec<Kernels<T>>)) {
+    fn columns(&mut self, samples: usize) -> (Columns<'_, T>, &mut Shared<T>) {
         let columns = Columns {
             encoder: self.encoder.view(samples),
             decoder_input: self.decoder_input.view(samples),
@@ -138,9 +145,9 @@ impl<T: Real> WarmUpWorkspace<T> {
     ) -> WarmUpTerms {
         let samples = batch.pairs.len() / 2;
         let (columns, shared) = self.columns(samples);
-        model.nets.encoder.prepare(&model.arena, batch.pictures, &mut shared.0);
+        model.nets.encoder.prepare(&model.arena, batch.pictures, &mut shared.encoder);
         if batch.decode {
-            model.nets.decoder.prepare(&model.arena, &mut shared.1);
+            model.nets.decoder.prepare(&model.arena, &mut shared.decoder);
         }
         let run = Run { model, settings, batch, shared, mean: T::of(1.0 / samples as f64) };
         over_samples(threads, 0, samples, columns, &|first, samples, columns| {
@@ -161,10 +168,10 @@ impl<T: Real> WarmUpWorkspace<T> {
         let (nets, arena, samples) = (&model.nets, &model.arena[..], batch.pairs.len() / 2);
         let (gradient, shared) = (&mut self.gradient[..], &self.shared);
         let seen = (batch.pictures, batch.pairs);
-        nets.encoder.gradient(threads, (arena, &shared.0), gradient, seen, &mut self.encoder, samples);
+        nets.encoder.gradient(threads, (arena, &shared.encoder), gradient, seen, &mut self.encoder, samples);
         if batch.decode {
             let z = self.decoder_input.view(samples).data;
-            nets.decoder.gradient(threads, &shared.1, gradient, z, &mut self.decoder, samples);
+            nets.decoder.gradient(threads, &shared.decoder, gradient, z, &mut self.decoder, samples);
         } else {
             gradient[nets.decoder.parameters()].fill(T::nil());
         }
@@ -177,7 +184,7 @@ struct Run<'a, T> {
     model: &'a LceModel<T>,
     settings: &'a WarmUp,
     batch: &'a WarmUpBatch<'a, T>,
-    shared: &'a (Ready<T>, Vec<Kernels<T>>),
+    shared: &'a Shared<T>,
     mean: T,
 }
 
@@ -194,15 +201,15 @@ impl<T: Real> Run<'_, T> {
         let (nets, arena) = (&self.model.nets, &self.model.arena[..]);
         self.forward(first, samples, c);
         if self.batch.decode {
-            nets.decoder.forward(arena, &self.shared.1, c.decoder_input.data, &mut c.decoder);
+            nets.decoder.forward(arena, &self.shared.decoder, c.decoder_input.data, &mut c.decoder);
             self.reconstruct(first, samples, c);
-            nets.decoder.backward(arena, &self.shared.1, &mut c.decoder, c.d_decoder_input.data);
+            nets.decoder.backward(arena, &self.shared.decoder, &mut c.decoder, c.d_decoder_input.data);
         } else {
             c.d_decoder_input.data.fill(T::nil());
             c.terms.data.fill(T::nil());
         }
         self.backward(first, samples, c);
-        nets.encoder.backward(arena, &self.shared.0, &mut c.encoder);
+        nets.encoder.backward(arena, &self.shared.encoder, &mut c.encoder);
     }
 
     #[inline(always)]
@@ -210,7 +217,7 @@ impl<T: Real> Run<'_, T> {
         let (nets, arena) = (&self.model.nets, &self.model.arena[..]);
         let (n, a) = (self.model.sizes.latent, self.model.sizes.action);
         let pairs = &self.batch.pairs[2 * first..2 * (first + samples)];
-        nets.encoder.forward(arena, &self.shared.0, (self.batch.pictures, pairs), &mut c.encoder);
+        nets.encoder.forward(arena, &self.shared.encoder, (self.batch.pictures, pairs), &mut c.encoder);
         let (codes, _) = c.encoder.codes();
         for i in 0..samples {
             let (z, u) = c.dynamics_input.of(i).split_at_mut(n);

@@ -69,12 +69,16 @@ macro_rules! cut_together {
 }
 pub(crate) use cut_together;
 
+/// Pieces that samples are cut into at most; buffers of which every thread needs its own are there as often.
+pub(crate) const MOST_THREADS: usize = 16;
+
 /// Runs `work` on all samples, cut into as many runs as there are threads. `work` gets the first sample's number.
 pub(crate) fn over_samples<C, F>(threads: usize, first: usize, samples: usize, columns: C, work: &F)
 where
     C: Cut + Send,
     F: Fn(usize, usize, C) + Sync,
 {
+    let threads = threads.min(MOST_THREADS);
     if threads <= 1 || samples < 2 {
         return work(first, samples, columns);
     }

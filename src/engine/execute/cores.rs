@@ -16,10 +16,6 @@ impl Cores {
         Self { total: total.max(1), users: Mutex::default() }
     }
 
-    pub(super) fn total(&self) -> usize {
-        self.total
-    }
-
     /// A share for a node that starts; the others get less.
     pub(super) fn join(&self, id: NodeId) -> Threads {
         let threads = Threads::new(1);

@@ -7,6 +7,7 @@ mod host;
 mod panics;
 mod recording;
 mod scheduler;
+mod teams;
 mod worker;
 
 use std::{

@@ -9,14 +9,14 @@ use std::{
 };
 
 /// How the threads of nodes are called.
-const PREFIX: &str = "node ";
+const PREFIX: &str = "nodes, team ";
 
 /// The places of panics, by the name of the thread.
 static PLACES: Mutex<BTreeMap<String, String>> = Mutex::new(BTreeMap::new());
 
-/// The name of a node's threads.
-pub(super) fn thread_name(node: &str) -> String {
-    format!("{PREFIX}{node}")
+/// The name of all threads of a team.
+pub(super) fn team_name(number: usize) -> String {
+    format!("{PREFIX}{number}")
 }
 
 /// Sends panics in threads of nodes to [`explain`]; all others are printed as ever.
@@ -37,14 +37,14 @@ pub(super) fn keep_quiet() {
     });
 }
 
-/// The error of a node that panicked.
-pub(super) fn explain(node: &str, payload: &(dyn Any + Send)) -> anyhow::Error {
+/// The error of a node that panicked on threads of this name.
+pub(super) fn explain(threads: &str, payload: &(dyn Any + Send)) -> anyhow::Error {
     let message = payload
         .downcast_ref::<&str>()
         .map(|text| (*text).to_owned())
         .or_else(|| payload.downcast_ref::<String>().cloned())
         .unwrap_or_else(|| "it gave no message".to_owned());
-    match PLACES.lock().unwrap_or_else(PoisonError::into_inner).remove(&thread_name(node)) {
+    match PLACES.lock().unwrap_or_else(PoisonError::into_inner).remove(threads) {
         Some(place) => anyhow::anyhow!("panicked at {place}: {message}"),
         None => anyhow::anyhow!("panicked: {message}"),
     }

@@ -16,6 +16,7 @@ use super::{
     Failure, NodeReport, Options, Order, Report,
     cores::Cores,
     recording::{link_name, live_name},
+    teams::Teams,
     worker::{Ended, Job, Shop, work},
 };
 use crate::{
@@ -109,7 +110,9 @@ impl<'a> Scheduler<'a> {
     pub(super) fn run(mut self) -> anyhow::Result<Report> {
         let (store, events, dir, options) = (self.store, self.events, self.dir, self.options);
         let cores = Cores::new(options.cores);
-        let shop = Shop { store, run: &dir.id, run_dir: &dir.path, events, cores: &cores, stop: &options.stop };
+        let teams = Teams::new(options.cores.max(1));
+        let (run, run_dir) = (&*dir.id, &*dir.path);
+        let shop = Shop { store, run, run_dir, events, cores: &cores, teams: &teams, stop: &options.stop };
         let (send, ends) = mpsc::channel();
         thread::scope(|scope| -> anyhow::Result<()> {
             loop {

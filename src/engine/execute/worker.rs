@@ -12,9 +12,7 @@ use std::{
     time::Instant,
 };
 
-use anyhow::Context as _;
-
-use super::{Failure, cores::Cores, host::NodeHost, panics, recording};
+use super::{Failure, cores::Cores, host::NodeHost, panics, recording, teams::Teams};
 use crate::{
     artifact::Files,
     engine::{
@@ -46,6 +44,7 @@ pub(super) struct Shop<'a> {
     pub(super) run_dir: &'a Path,
     pub(super) events: &'a Events<'a>,
     pub(super) cores: &'a Cores,
+    pub(super) teams: &'a Teams,
     pub(super) stop: &'a AtomicBool,
 }
 
@@ -69,7 +68,7 @@ pub(super) fn work(shop: Shop<'_>, job: Job<'_>) -> (Ended, f64) {
     // A panic of ours must end the node too, or the run would wait for it for ever.
     let ended = catch_unwind(AssertUnwindSafe(|| attempt(shop, &job, threads, start)));
     let ended = ended.unwrap_or_else(|payload| {
-        Err(Failure { text: format!("{:#}", panics::explain(&job.node.name, &*payload)), is_store: true })
+        Err(Failure { text: format!("{:#}", panics::explain("", &*payload)), is_store: true })
     });
     shop.cores.leave(job.id);
     (ended.unwrap_or_else(Ended::Failed), start.elapsed().as_secs_f64())
@@ -89,7 +88,7 @@ fn attempt(shop: Shop<'_>, job: &Job<'_>, threads: Threads, start: Instant) -> R
         }
         let stream = job.node.stream.clone();
         let mut cx = StageCx::new(&mut recorder, &job.node.task, stream, job.node.round.unwrap_or(0), threads, &host);
-        run_kind(shop.cores.total(), job.node, &files, &mut cx)
+        shop.teams.run(|| (job.node.kind.run)(&job.node.params, &files, &mut cx))
     };
     drop(inputs);
     let files = match made {
@@ -125,18 +124,6 @@ fn publish(
         secs: start.elapsed().as_secs_f64(),
         recorder_secs: recorded.secs,
     })
-}
-
-/// Runs the kind on threads of its own, and turns its panic into an error.
-fn run_kind(cores: usize, node: &Node, files: &InputFiles<'_>, cx: &mut StageCx<'_>) -> anyhow::Result<Files> {
-    let name = panics::thread_name(&node.name);
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(cores)
-        .thread_name(move |_| name.clone())
-        .build()
-        .context("cannot start threads")?;
-    let done = catch_unwind(AssertUnwindSafe(|| pool.install(|| (node.kind.run)(&node.params, files, cx))));
-    done.unwrap_or_else(|payload| Err(panics::explain(&node.name, &*payload)))
 }
 
 type Loaded = Vec<(&'static str, Vec<Files>)>;

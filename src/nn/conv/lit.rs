@@ -27,8 +27,8 @@ impl Lit {
         Self { weights: layout.conv(name, n_in, c_out, n_in), frames, size }
     }
 
-    /// Numbers of a gradient: weights, then biases.
-    pub fn len(&self) -> usize {
+    /// Numbers of its gradient: weights, then biases.
+    pub fn parameters(&self) -> usize {
         self.weights.len()
     }
 

@@ -14,7 +14,7 @@ mod stack;
 mod tests;
 
 pub use lit::Lit;
-pub use stack::{Shares, Stack, StackMut, StackPass};
+pub use stack::{Rest, Shares, Stack, StackMut, StackPass};
 
 use kernels::Grid;
 

@@ -8,7 +8,7 @@ use super::{
 };
 use crate::nn::{
     Real,
-    columns::{Block, BlockMut, Cut, over_samples},
+    columns::{Block, BlockMut, Cut, MOST_THREADS, over_samples},
     mlp::{Pass, PassMut},
     vectorize,
 };
@@ -16,8 +16,6 @@ use crate::nn::{
 /// Gradients of weights are summed over so many equal shares of the batch, in order, and then over the shares: no sum
 /// depends on how many threads there were.
 const SHARES: usize = 8;
-/// Threads beyond this many find no scratch of their own.
-const MOST_THREADS: usize = 16;
 
 /// `L` layers.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -102,6 +100,10 @@ impl<T: Real, const L: usize> Cut for StackMut<'_, T, L> {
         (Self { layers: left, scratch }, Self { layers: right, scratch: scratch_right })
     }
 }
+
+/// Goes on from the gradient with respect to a picture's input, which it may change: gets the picture's number, the padded
+/// input, that gradient without borders, and the caller's own sums.
+pub type Rest<'a, T> = &'a (dyn Fn(usize, &[T], &mut [T], &mut [T]) + Sync);
 
 /// One picture's part of a buffer.
 fn of<T>(buffer: &[T], width: usize, picture: usize) -> &[T] {
@@ -198,14 +200,14 @@ impl<const L: usize> Stack<L> {
         shares: &'s mut Shares<T>,
         gradient: &mut [T],
         fill: &(impl Fn(usize, &mut [T]) + Sync),
-        rest: Option<&(dyn Fn(usize, &[T], &mut [T], &mut [T]) + Sync)>,
+        rest: Option<Rest<'_, T>>,
     ) -> &'s [T] {
         let pictures = pass.layers.out[0].len() / self.convs[0].width();
         let (len, width) = (self.share_len(), self.share_len() + shares.more);
         shares.sums.data.fill(T::nil());
         let layers = &pass.layers;
         let columns = ShareMut { sums: shares.sums.view(SHARES), scratch: ScratchMut(&mut *pass.scratch.0) };
-        over_samples(threads.min(MOST_THREADS), 0, SHARES, columns, &|first, count, mut c| {
+        over_samples(threads, 0, SHARES, columns, &|first, count, mut c| {
             let slot = &mut c.scratch.0[0];
             for share in 0..count {
                 let (sums, more) = c.sums.of(share).split_at_mut(len);
