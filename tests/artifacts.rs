@@ -6,7 +6,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use carl_pipe::{
     artifact::{Artifact, Evaluation, Files, LatentMap, TrainedModel, Transitions},
-    control::{Agent, agent::Whitening},
+    control::{Agent, Ilqr, agent::Whitening},
     env::{Environment as _, Planar},
     lce::{LceModel, Sizes},
     nn::adam::Adam,
@@ -74,6 +74,10 @@ fn evaluation() -> Evaluation {
     serde_json::from_value(json).expect("an evaluation")
 }
 
+fn ilqr() -> Ilqr {
+    Ilqr { state_cost: 0.1, plan_length: 7, ..Ilqr::default() }
+}
+
 fn map() -> LatentMap {
     LatentMap {
         latent: 2,
@@ -90,6 +94,7 @@ fn all() -> Vec<(Kind, Files)> {
         (kind::<Transitions>(), transitions().save().expect("files")),
         (kind::<TrainedModel>(), model().save().expect("files")),
         (kind::<Agent>(), agent().save().expect("files")),
+        (kind::<Ilqr>(), ilqr().save().expect("files")),
         (kind::<Evaluation>(), evaluation().save().expect("files")),
         (kind::<LatentMap>(), map().save().expect("files")),
     ]
@@ -115,6 +120,7 @@ fn values_survive_the_disk() {
     survives(&model());
     survives(&agent());
     survives(&evaluation());
+    survives(&ilqr());
     survives(&map());
 }
 

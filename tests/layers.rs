@@ -29,7 +29,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
         &[
             ("nn", "optimisers and arenas lie on disk"),
             ("lce", "a model is an artifact"),
-            ("control", "an agent is an artifact, and an evaluation names its rule"),
+            ("control", "agents and settings of iLQR are artifacts, and an evaluation names its rule"),
         ],
     ),
     (
@@ -91,7 +91,7 @@ const ONLY: &[(&str, &str, &[&str])] = &[
     ("engine", "nn", &["Threads"]),
     ("engine", "env", &["Task"]),
     ("pipeline", "env", &["RefusedOption", "Task"]),
-    ("artifact", "control", &["Agent", "agent", "rollout"]),
+    ("artifact", "control", &["Agent", "Ilqr", "agent", "rollout"]),
 ];
 
 /// What learns: it gets pictures, actions and codes, and a true state cannot reach it.

@@ -18,6 +18,8 @@ const PINNED: &[(&str, &str, u32, &str)] = &[
     ("distilled", "distill_policy", 1, "9c2dd8093a7145fc"),
     ("next_agent", "train_sac", 1, "0475572a0c9ea4c8"),
     ("evaluation", "evaluate", 1, "f6ce16218a838441"),
+    ("ilqr", "control_ilqr", 1, "f7be276c8550b30f"),
+    ("planned", "evaluate", 1, "a13a6c3e6a9009cb"),
     ("map", "export_latent_map", 1, "dd829a2e5c6dd0cb"),
 ];
 

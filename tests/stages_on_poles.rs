@@ -5,6 +5,7 @@ mod tiny;
 use carl_pipe::{
     artifact::{Artifact as _, Evaluation, Files, Transitions},
     env::Task,
+    stage::{self, Preset, PresetOf},
 };
 use serde_json::{Value, json};
 
@@ -108,6 +109,28 @@ fn an_oracle_is_measured_without_model_and_agent() {
 fn an_agent_is_not_measured_without_model_and_agent() {
     let failed = tiny::run_for(&task("planar"), "evaluate", json!({}), &[], tiny::stream("evaluate"), 1);
     assert_eq!(failed.unwrap_err().to_string(), "an agent needs the inputs `model` and `agent`");
+}
+
+#[test]
+fn ilqr_is_not_measured_without_model_and_settings() {
+    let given = json!({ "controller": "ilqr" });
+    let failed = tiny::run_for(&task("planar"), "evaluate", given, &[], tiny::stream("evaluate"), 1);
+    assert_eq!(failed.unwrap_err().to_string(), "iLQR needs the inputs `model` and `ilqr`");
+}
+
+#[test]
+fn the_costs_of_ilqr_are_those_of_the_task_and_the_preset() {
+    let settings = |env: &str, preset: Preset| {
+        let (task, given) = (task(env), serde_json::Map::new());
+        let params =
+            (stage::kind("control_ilqr").expect("a kind").preset)(&PresetOf { preset, task: &task, given: &given });
+        ["state_cost", "action_cost", "plan_length"].map(|name| params[name].as_f64().expect("a number"))
+    };
+    assert_eq!(settings("planar", Preset::Recipe), [10.0, 1.0, 10.0]);
+    assert_eq!(settings("planar", Preset::Paper), [10.0, 9.0, 10.0], "an action moves by up to 3");
+    assert_eq!(settings("swing_up", Preset::Recipe), [50.0, 1.0, 10.0]);
+    assert_eq!(settings("cart_pole", Preset::Paper), [100.0, 100.0, 5.0]);
+    assert_eq!(settings("three_pole", Preset::Paper), [50.0, 1.0, 20.0]);
 }
 
 #[test]

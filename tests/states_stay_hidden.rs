@@ -251,7 +251,7 @@ fn what_training_reads_has_no_room_for_a_state() {
 fn no_kind_takes_what_holds_states() {
     for kind in stage::registry() {
         for port in kind.ports {
-            let may_enter = ["transitions", "lce_model", "agent"].contains(&port.artifact);
+            let may_enter = ["transitions", "lce_model", "agent", "ilqr"].contains(&port.artifact);
             assert!(may_enter, "{} takes {} by its port {}", kind.name, port.artifact, port.name);
         }
     }

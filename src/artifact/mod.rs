@@ -2,6 +2,7 @@
 
 mod agent;
 mod evaluation;
+mod ilqr;
 mod latent_map;
 mod lce_model;
 mod tensors;

@@ -1,10 +1,12 @@
-//! Controllers in the latent space: the soft actor-critic agent, its training and its distillation, and closed-loop
+//! Controllers in the latent space: the soft actor-critic agent, its training and its distillation, iLQR, and closed-loop
 //! control from pictures.
 
 pub mod agent;
 pub mod distill;
+pub mod ilqr;
 pub mod regularizer;
 pub mod rollout;
 pub mod sac;
 
 pub use agent::Agent;
+pub use ilqr::Ilqr;

@@ -1,7 +1,10 @@
-//! Closed-loop control from pictures: the policy sees E(x) and E(x_g), never a state. Beside it the controller that does
+//! Closed-loop control from pictures: policy and planner see E(x) and E(x_g), never a state. Beside it the controller that does
 //! see states, for what the best representation could reach.
 
-use super::agent::Agent;
+use super::{
+    agent::Agent,
+    ilqr::{Ilqr, LatentDynamics, Planner},
+};
 use crate::{env::Environment, lce::LceModel, nn::noise, rng::Rng};
 
 /// What to do when an action changed nothing in the picture: the mean action would repeat for ever.
@@ -21,6 +24,8 @@ pub enum Controller {
     /// What was learned, from pictures.
     #[default]
     Agent,
+    /// iLQR, which plans in the model, from pictures.
+    Ilqr,
     /// The task's own controller, which knows the true state: what the best representation could reach.
     Oracle,
 }
@@ -78,15 +83,34 @@ pub fn run(
     (acting, unstick): (Acting, Unstick),
     rng: &mut Rng,
 ) -> Vec<Step> {
-    let z_goal = model.encode_means(&model.pictures(&env.picture(&episode.goal)));
+    let z_goal = code(model, &env.picture(&episode.goal));
     walk(env, &episode.start, steps, rng, |seen, rng| {
-        let z = model.encode_means(&model.pictures(seen.picture));
+        let z = code(model, seen.picture);
         let mut epsilon = vec![0.0; agent.action];
         noise::fill_normal(rng, &mut epsilon);
         let mut action = agent.act(&z, &z_goal, (acting == Acting::Sample).then_some(&epsilon));
-        if seen.is_stuck && unstick == Unstick::Random {
-            action.fill_with(|| noise::uniform(rng, -1.0, 1.0));
-        }
+        unstick.apply(seen.is_stuck, &mut action, rng);
+        action
+    })
+}
+
+/// Runs one episode for `steps` steps with iLQR, which draws the beginnings of its plans from a stream of its own.
+pub fn run_ilqr(
+    env: &dyn Environment,
+    (model, ilqr): (&LceModel, &Ilqr),
+    episode: &Episode,
+    steps: usize,
+    unstick: Unstick,
+    (rng, plans): (&mut Rng, Rng),
+) -> Vec<Step> {
+    let code = |picture: &[u8]| code(model, picture).into_iter().map(f64::from).collect::<Vec<_>>();
+    let mut planner = Planner::new(ilqr, LatentDynamics::of(model), code(&env.picture(&episode.goal)), plans);
+    let mut left = steps;
+    walk(env, &episode.start, steps, rng, |seen, rng| {
+        let planned = planner.act(&code(seen.picture), left);
+        left -= 1;
+        let mut action: Vec<f32> = planned.into_iter().map(|u| u.clamp(-1.0, 1.0) as f32).collect();
+        unstick.apply(seen.is_stuck, &mut action, rng);
         action
     })
 }
@@ -98,6 +122,20 @@ pub fn run_oracle(env: &dyn Environment, episode: &Episode, steps: usize, rng: &
         let action = oracle(seen.state, &episode.goal, rng);
         action.iter().zip(env.action_limit()).map(|(u, limit)| (u / limit) as f32).collect()
     })
+}
+
+impl Unstick {
+    /// Puts the rule's action in the place of the controller's where the last one changed nothing.
+    fn apply(self, is_stuck: bool, action: &mut [f32], rng: &mut Rng) {
+        if is_stuck && self == Self::Random {
+            action.fill_with(|| noise::uniform(rng, -1.0, 1.0));
+        }
+    }
+}
+
+/// The mean of E(·|x) for one picture.
+fn code(model: &LceModel, picture: &[u8]) -> Vec<f32> {
+    model.encode_means(&model.pictures(picture))
 }
 
 /// What there is to act on.

@@ -1,4 +1,5 @@
-//! Measures an agent, or the controller that knows true states, on episodes that every round and algorithm with the same seed shares.
+//! Measures an agent, iLQR, or the controller that knows true states, on episodes that every round and algorithm with
+//! the same seed shares.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -7,12 +8,13 @@ use super::{Preset, PresetOf, Refusal, Stage, StageCx, above_zero, inputs};
 use crate::{
     artifact::{EpisodeResult, Evaluation, TrainedModel},
     control::{
-        Agent,
-        rollout::{self, Acting, Controller, Step, Unstick},
+        Agent, Ilqr,
+        rollout::{self, Acting, Controller, Episode, Step, Unstick},
     },
     env::Environment,
     lce::LceModel,
     record::{At, TrajectoryFrame, topic},
+    rng::Rng,
 };
 
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -53,6 +55,7 @@ impl super::Params for Params {
     fn needs(&self) -> &'static [&'static str] {
         match self.controller {
             Controller::Agent => &["model", "agent"],
+            Controller::Ilqr => &["model", "ilqr"],
             Controller::Oracle => &[],
         }
     }
@@ -60,20 +63,52 @@ impl super::Params for Params {
 
 inputs! {
     pub(super) struct Inputs {
-        /// the encoder to see with; an oracle needs none
+        /// the encoder to see with, and iLQR's dynamics; an oracle needs none
         model: Option<TrainedModel>,
-        /// the policy to act with, by its mean action; an oracle needs none
+        /// the policy to act with where the controller is an agent, by its mean action
         agent: Option<Agent>,
+        /// how to plan where the controller is iLQR
+        ilqr: Option<Ilqr>,
     }
 }
 
+/// Who acts, with what that takes.
+#[derive(Clone, Copy)]
+enum Actor<'a> {
+    Agent(&'a LceModel, &'a Agent),
+    Ilqr(&'a LceModel, &'a Ilqr),
+    Oracle,
+}
+
 impl Inputs {
-    /// The policy that acts, where an agent does.
-    fn policy(&self, controller: Controller) -> anyhow::Result<Option<(&LceModel, &Agent)>> {
-        match (controller, &self.model, &self.agent) {
-            (Controller::Oracle, ..) => Ok(None),
-            (Controller::Agent, Some(trained), Some(agent)) => Ok(Some((&trained.model, agent))),
+    fn actor(&self, controller: Controller) -> anyhow::Result<Actor<'_>> {
+        let model = self.model.as_ref().map(|trained| &trained.model);
+        match (controller, model, &self.agent, &self.ilqr) {
+            (Controller::Oracle, ..) => Ok(Actor::Oracle),
+            (Controller::Agent, Some(model), Some(agent), _) => Ok(Actor::Agent(model, agent)),
+            (Controller::Ilqr, Some(model), _, Some(ilqr)) => Ok(Actor::Ilqr(model, ilqr)),
             (Controller::Agent, ..) => anyhow::bail!("an agent needs the inputs `model` and `agent`"),
+            (Controller::Ilqr, ..) => anyhow::bail!("iLQR needs the inputs `model` and `ilqr`"),
+        }
+    }
+}
+
+impl Actor<'_> {
+    fn run(
+        self,
+        env: &dyn Environment,
+        episode: &Episode,
+        steps: usize,
+        unstick: Unstick,
+        (mut acting, plans): (Rng, Rng),
+    ) -> Vec<Step> {
+        let rng = &mut acting;
+        match self {
+            Self::Agent(model, agent) => {
+                rollout::run(env, (model, agent), episode, steps, (Acting::Mean, unstick), rng)
+            }
+            Self::Ilqr(model, ilqr) => rollout::run_ilqr(env, (model, ilqr), episode, steps, unstick, (rng, plans)),
+            Self::Oracle => rollout::run_oracle(env, episode, steps, rng),
         }
     }
 }
@@ -93,18 +128,16 @@ impl Stage for Evaluate {
         let steps = env.horizon() + 1;
         let episodes = rollout::draw_episodes(&*env, params.episodes as usize, &mut cx.shared_rng("episodes"));
         let goals = env.goals();
-        let policy = inputs.policy(params.controller)?;
-        let params = &Params { unstick: if policy.is_some() { params.unstick } else { Unstick::Off }, ..*params };
+        let actor = inputs.actor(params.controller)?;
+        let unstick = if params.controller == Controller::Oracle { Unstick::Off } else { params.unstick };
+        let params = &Params { unstick, ..*params };
         let mut results = Vec::new();
         let mut percent_goal_t = 0.0;
         record_obstacles(&*env, cx);
         for (number, episode) in episodes.iter().enumerate() {
             let run = |unstick: Unstick| {
-                let mut rng = cx.shared_rng(("acting", number as u64));
-                match policy {
-                    Some(policy) => rollout::run(&*env, policy, episode, steps, (Acting::Mean, unstick), &mut rng),
-                    None => rollout::run_oracle(&*env, episode, steps, &mut rng),
-                }
+                let [acting, plans] = ["acting", "plans"].map(|purpose| cx.shared_rng((purpose, number as u64)));
+                actor.run(&*env, episode, steps, unstick, (acting, plans))
             };
             let at_goal = |path: &[Step]| {
                 let hits = path.iter().filter(|step| env.at_goal(&step.next, &episode.goal, params.radius)).count();

@@ -3,6 +3,7 @@
 //! A kind is one file here, named after itself, and one line in [`registry`].
 
 mod collect;
+mod control_ilqr;
 mod cx;
 mod distill_policy;
 mod evaluate;
@@ -181,6 +182,7 @@ pub fn registry() -> &'static [Kind] {
             Kind::of::<train_lce::TrainLce>(),
             Kind::of::<distill_policy::DistillPolicy>(),
             Kind::of::<train_sac::TrainSac>(),
+            Kind::of::<control_ilqr::ControlIlqr>(),
             Kind::of::<evaluate::Evaluate>(),
             Kind::of::<export_latent_map::ExportLatentMap>(),
         ]

@@ -101,6 +101,9 @@ pub struct Chain {
     /// As in the paper's preset, with a bootstrap and the quadratic reward.
     pub next_agent: Files,
     pub evaluation: Files,
+    pub ilqr: Files,
+    /// iLQR on `next_model`.
+    pub planned: Files,
     pub map: Files,
 }
 
@@ -124,12 +127,15 @@ impl Chain {
             run("train_sac", other, &[("transitions", all), ("model", &[&next_model]), ("start", &[&distilled])]);
         let evaluation =
             run("evaluate", json!({ "episodes": 2 }), &[("model", &[&next_model]), ("agent", &[&next_agent])]);
+        let ilqr = run("control_ilqr", json!({ "plan_length": 3, "uniform_plans": 1, "bang_bang_plans": 1 }), &[]);
+        let planned = json!({ "controller": "ilqr", "episodes": 2 });
+        let planned = run("evaluate", planned, &[("model", &[&next_model]), ("ilqr", &[&ilqr])]);
         let map = run("export_latent_map", json!({}), &[("model", &[&next_model])]);
-        Self { bootstrap, model, agent, collected, next_model, distilled, next_agent, evaluation, map }
+        Self { bootstrap, model, agent, collected, next_model, distilled, next_agent, evaluation, ilqr, planned, map }
     }
 
     /// Every artifact in the order of making: a name, the kind that made it, the names of its inputs, its files.
-    pub fn all(&self) -> [(&'static str, &'static str, &'static [&'static str], &Files); 9] {
+    pub fn all(&self) -> [(&'static str, &'static str, &'static [&'static str], &Files); 11] {
         [
             ("bootstrap", "generate_data", &[], &self.bootstrap),
             ("model", "train_lce", &["bootstrap"], &self.model),
@@ -144,6 +150,8 @@ impl Chain {
             ),
             ("next_agent", "train_sac", &["bootstrap", "collected", "next_model", "distilled"], &self.next_agent),
             ("evaluation", "evaluate", &["next_model", "next_agent"], &self.evaluation),
+            ("ilqr", "control_ilqr", &[], &self.ilqr),
+            ("planned", "evaluate", &["next_model", "ilqr"], &self.planned),
             ("map", "export_latent_map", &["next_model"], &self.map),
         ]
     }

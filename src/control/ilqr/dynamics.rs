@@ -1,0 +1,135 @@
+//! What iLQR plans with: a next code and its exact slopes.
+
+use super::matrix::Matrix;
+use crate::{
+    lce::LceModel,
+    nn::mlp::{Linear, Mlp, Pass},
+};
+
+/// Deterministic dynamics that a plan can follow and linearise.
+pub trait Dynamics {
+    /// Width of a code.
+    fn latent(&self) -> usize;
+    /// Width of an action.
+    fn action(&self) -> usize;
+    /// Writes f(z, u).
+    fn next(&mut self, z: &[f64], u: &[f64], next: &mut [f64]);
+    /// A = ∂f/∂z and B = ∂f/∂u at (z, u).
+    fn jacobians(&mut self, z: &[f64], u: &[f64]) -> (Matrix, Matrix);
+}
+
+/// The mean of a model's F in double precision.
+#[derive(Debug)]
+pub struct LatentDynamics {
+    net: Mlp<3>,
+    arena: Vec<f64>,
+    latent: usize,
+    z_u: Vec<f64>,
+    pass: Pass<f64, 3>,
+}
+
+impl LatentDynamics {
+    /// F of a model.
+    pub fn of(model: &LceModel) -> Self {
+        let layers = model.nets.dynamics.layers;
+        let first = layers[0].at;
+        let end = layers[2].at + layers[2].len();
+        let arena = model.arena[first..end].iter().map(|&weight| f64::from(weight)).collect();
+        let net = Mlp { layers: layers.map(|layer| Linear { at: layer.at - first, ..layer }) };
+        let z_u = vec![0.0; layers[0].n_in];
+        Self { pass: Pass::new(&net, 1, 1), net, arena, latent: model.sizes.latent, z_u }
+    }
+
+    fn forward(&mut self, z: &[f64], u: &[f64]) {
+        self.z_u[..self.latent].copy_from_slice(z);
+        self.z_u[self.latent..].copy_from_slice(u);
+        self.net.forward(&self.arena, &self.z_u, &mut self.pass.view(1));
+    }
+}
+
+impl Dynamics for LatentDynamics {
+    fn latent(&self) -> usize {
+        self.latent
+    }
+
+    fn action(&self) -> usize {
+        self.z_u.len() - self.latent
+    }
+
+    fn next(&mut self, z: &[f64], u: &[f64], next: &mut [f64]) {
+        self.forward(z, u);
+        // F's means are relative to z; its log standard deviations come after them.
+        for ((next, z), step) in next.iter_mut().zip(z).zip(self.pass.output()) {
+            *next = z + step;
+        }
+    }
+
+    fn jacobians(&mut self, z: &[f64], u: &[f64]) -> (Matrix, Matrix) {
+        self.forward(z, u);
+        let n = self.latent;
+        let mut pass = self.pass.view(1);
+        let (mut a, mut b) = (Vec::with_capacity(n * n), Vec::with_capacity(n * u.len()));
+        let mut row = vec![0.0; self.z_u.len()];
+        for i in 0..n {
+            pass.output_delta().fill(0.0);
+            pass.output_delta()[i] = 1.0;
+            self.net.backward(&self.arena, &mut pass, Some(&mut row));
+            row[i] += 1.0;
+            a.extend_from_slice(&row[..n]);
+            b.extend_from_slice(&row[n..]);
+        }
+        (Matrix::new(n, a), Matrix::new(u.len(), b))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+
+    use super::*;
+    use crate::{lce::Sizes, nn::noise, rng::Rng};
+
+    fn model(sizes: Sizes) -> LceModel {
+        let pixels = sizes.pixels;
+        LceModel::new(sizes, vec![0; pixels], &mut Rng::seed_from_u64(7))
+    }
+
+    #[test]
+    fn jacobians_are_the_differences_of_the_mean_dynamics() {
+        let mut rng = Rng::seed_from_u64(8);
+        for sizes in [Sizes::planar(), Sizes::swing_up(), Sizes { convolution: None, ..Sizes::three_pole() }] {
+            let mut dynamics = LatentDynamics::of(&model(sizes));
+            let (n, width) = (dynamics.latent, dynamics.z_u.len());
+            for _ in 0..20 {
+                let mut z_u = vec![0.0; width];
+                noise::fill_normal(&mut rng, &mut z_u);
+                let (a, b) = dynamics.jacobians(&z_u[..n], &z_u[n..]);
+                for input in 0..width {
+                    let mut at = |way: f64| {
+                        let mut moved = z_u.clone();
+                        moved[input] += way;
+                        let mut next = vec![0.0; n];
+                        dynamics.next(&moved[..n], &moved[n..], &mut next);
+                        next
+                    };
+                    let (up, down) = (at(1e-7), at(-1e-7));
+                    for i in 0..n {
+                        let slope = (up[i] - down[i]) / 2e-7;
+                        let exact = if input < n { a.of(i, input) } else { b.of(i, input - n) };
+                        assert!((slope - exact).abs() < 1e-7, "output {i}, input {input}: {slope} and {exact}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_next_code_is_the_models_own_mean() {
+        let model = model(Sizes::planar());
+        let mut dynamics = LatentDynamics::of(&model);
+        let mut next = [0.0; 2];
+        dynamics.next(&[0.5, -1.25], &[0.75, -0.5], &mut next);
+        let single = model.predict_mean(&[0.5, -1.25], &[0.75, -0.5]);
+        assert!(next.iter().zip(single).all(|(double, single)| (double - f64::from(single)).abs() < 1e-6));
+    }
+}

@@ -1,0 +1,174 @@
+//! Known answers on affine dynamics, where one plan is best and Riccati's recursion finds it; and what holds on any.
+
+use rand::SeedableRng as _;
+
+use super::*;
+
+/// z' = A z + B u + c.
+#[derive(Debug)]
+struct Affine {
+    a: Matrix,
+    b: Matrix,
+    c: Vec<f64>,
+    action: usize,
+}
+
+impl Affine {
+    /// A random one.
+    fn random(latent: usize, action: usize, rng: &mut Rng) -> Self {
+        let mut normal = |count: usize| {
+            let mut samples = vec![0.0; count];
+            noise::fill_normal(rng, &mut samples);
+            samples
+        };
+        // Far from unstable, or the plain values of the cost would not tell its minimum to many digits.
+        let coupling = normal(latent * latent).into_iter().map(|entry| 0.2 * entry).collect();
+        let a = Matrix::diagonal(latent, 0.8).plus(&Matrix::new(latent, coupling));
+        Self { a, b: Matrix::new(action, normal(latent * action)), c: normal(latent), action }
+    }
+}
+
+impl Dynamics for Affine {
+    fn latent(&self) -> usize {
+        self.c.len()
+    }
+
+    fn action(&self) -> usize {
+        self.action
+    }
+
+    fn next(&mut self, z: &[f64], u: &[f64], next: &mut [f64]) {
+        let vector = |entries: &[f64]| Matrix::column(entries.to_vec());
+        let sum = self.a.times(&vector(z)).plus(&self.b.times(&vector(u))).plus(&vector(&self.c));
+        for (i, next) in next.iter_mut().enumerate() {
+            *next = sum.of(i, 0);
+        }
+    }
+
+    fn jacobians(&mut self, _: &[f64], _: &[f64]) -> (Matrix, Matrix) {
+        (self.a.clone(), self.b.clone())
+    }
+}
+
+/// z' = z + u³: no plan's quadratic model is right.
+struct Cubic;
+
+impl Dynamics for Cubic {
+    fn latent(&self) -> usize {
+        1
+    }
+
+    fn action(&self) -> usize {
+        1
+    }
+
+    fn next(&mut self, z: &[f64], u: &[f64], next: &mut [f64]) {
+        next[0] = z[0] + u[0] * u[0] * u[0];
+    }
+
+    fn jacobians(&mut self, _: &[f64], u: &[f64]) -> (Matrix, Matrix) {
+        (Matrix::diagonal(1, 1.0), Matrix::diagonal(1, 3.0 * u[0] * u[0]))
+    }
+}
+
+fn rng() -> Rng {
+    Rng::seed_from_u64(3)
+}
+
+/// With z' = z + u and q = r the gains of T = 1, 2, 3, … steps are every second quotient of Fibonacci's numbers.
+#[test]
+fn the_gain_of_an_integrator_is_a_quotient_of_fibonaccis_numbers() {
+    for (steps, gain) in [(1, 1.0 / 2.0), (2, 3.0 / 5.0), (3, 8.0 / 13.0), (4, 21.0 / 34.0), (5, 55.0 / 89.0)] {
+        let settings = Ilqr { state_cost: 1.0, plan_length: steps, ..Ilqr::default() };
+        let integrator = Affine { a: Matrix::diagonal(1, 1.0), b: Matrix::diagonal(1, 1.0), c: vec![0.0], action: 1 };
+        let action = Planner::new(&settings, integrator, vec![1.0], rng()).act(&[-2.0], 100)[0];
+        assert!((action - 3.0 * gain).abs() < 1e-9, "{steps} steps: {action} and {}", 3.0 * gain);
+    }
+}
+
+/// The cost is quadratic in the actions, so its values at a few points give its gradient and Hessian exactly.
+#[test]
+fn a_plan_on_affine_dynamics_is_the_minimum_of_its_cost() {
+    let mut rng = rng();
+    for (latent, action, steps) in [(1, 1, 1), (2, 2, 10), (3, 1, 7), (8, 3, 5)] {
+        let dynamics = Affine::random(latent, action, &mut rng);
+        let mut z = vec![0.0; 2 * latent];
+        noise::fill_normal(&mut rng, &mut z);
+        let settings = Ilqr { state_cost: 3.0, action_cost: 0.5, ..Ilqr::default() };
+        let mut planner = Planner::new(&settings, dynamics, z.split_off(latent), self::rng());
+        let count = steps * action;
+        let plan = planner.improve(&z, &vec![0.3; count]);
+        let mut cost = |which: &[usize], size: f64| {
+            let mut actions = vec![0.0; count];
+            which.iter().for_each(|&i| actions[i] += size);
+            planner.roll_out(&z, count, |t, _, u| u.copy_from_slice(&actions[t * action..][..action])).cost
+        };
+        let slopes = (0..count).map(|i| 0.5 * (cost(&[i], 1.0) - cost(&[i], -1.0))).collect();
+        let mut bend = |i, j| cost(&[i, j], 1.0) - cost(&[i], 1.0) - cost(&[j], 1.0) + cost(&[], 1.0);
+        let bends = (0..count * count).map(|at| bend(at / count, at % count)).collect();
+        let best = Matrix::new(count, bends).cholesky().expect("a minimum").solve_from_root(&Matrix::column(slopes));
+        for i in 0..count {
+            let rest = plan.u[i] + best.of(i, 0);
+            assert!(rest.abs() < 1e-7, "{latent} codes, {action} actions, entry {i}: {rest}");
+        }
+    }
+}
+
+#[test]
+fn more_iterations_never_cost_more() {
+    let settings = Ilqr { iterations: 0, ..Ilqr::default() };
+    let actions = [0.5, -0.8, 0.1, 0.9];
+    let mut before = Planner::new(&settings, Cubic, vec![2.0], rng()).improve(&[0.0], &actions).cost;
+    for iterations in 1..30 {
+        let settings = Ilqr { iterations, ..settings.clone() };
+        let cost = Planner::new(&settings, Cubic, vec![2.0], rng()).improve(&[0.0], &actions).cost;
+        assert!(cost <= before, "{cost} after {iterations} iterations, {before} before");
+        before = cost;
+    }
+    assert!(before < 55.0, "{before}");
+}
+
+#[test]
+fn the_chosen_plan_is_shifted_and_the_others_are_drawn_again() {
+    let settings = Ilqr::default();
+    let mut planner = Planner::new(&settings, Cubic, vec![2.0], rng());
+    planner.kept = Some((1, vec![1.5, 2.5, 3.5]));
+    let uniform = planner.begin(0, 3);
+    assert_eq!(planner.begin(1, 3), [2.5, 3.5, 3.5]);
+    assert_ne!(planner.begin(0, 3), uniform);
+    assert!(uniform.iter().all(|u| u.abs() < 1.0));
+    assert!(planner.begin(3, 50).iter().all(|u| u.abs() == 1.0), "the fourth begins at the limits");
+    planner.kept = Some((0, vec![1.5, 2.5, 3.5]));
+    assert_eq!(planner.begin(0, 1), [2.5], "the episode ends");
+}
+
+#[test]
+fn a_plan_is_no_longer_than_the_episode() {
+    let settings = Ilqr::default();
+    let mut planner = Planner::new(&settings, Cubic, vec![2.0], rng());
+    for (left, length) in [(12, 10), (11, 10), (10, 10), (9, 9), (2, 2), (1, 1)] {
+        planner.act(&[0.0], left);
+        assert_eq!(planner.kept.as_ref().map(|(_, u)| u.len()), Some(length));
+    }
+}
+
+#[test]
+fn equal_streams_give_equal_plans() {
+    let settings = Ilqr::default();
+    let act = |rng: Rng| {
+        let mut planner = Planner::new(&settings, Cubic, vec![2.0], rng);
+        [planner.act(&[0.0], 40), planner.act(&[0.1], 39)]
+    };
+    assert_eq!(act(rng()), act(rng()));
+    assert_ne!(act(rng()), act(Rng::seed_from_u64(4)));
+}
+
+/// Dynamics that run away give no numbers to compare; an action comes out all the same.
+#[test]
+fn a_plan_that_leaves_the_numbers_is_never_preferred() {
+    let settings = Ilqr { plan_length: 100, ..Ilqr::default() };
+    let exploding = Affine { a: Matrix::diagonal(1, 1e300), b: Matrix::diagonal(1, 1.0), c: vec![1.0], action: 1 };
+    let mut planner = Planner::new(&settings, exploding, vec![0.0], rng());
+    assert_eq!(planner.improve(&[1.0], &[0.0; 100]).cost, f64::INFINITY);
+    assert!(planner.act(&[1.0], 100)[0].is_finite());
+}

@@ -1,0 +1,59 @@
+//! iLQR, the controller of PCC, with its costs for the task. It has nothing to learn: its model comes with the evaluation.
+
+use super::{Preset, PresetOf, Refusal, Stage, StageCx, above_zero, inputs, within};
+use crate::{control::Ilqr, env::EnvName};
+
+impl super::Params for Ilqr {
+    fn preset(of: &PresetOf<'_>) -> Self {
+        let (state_cost, plan_length) = match of.task.env {
+            EnvName::Planar => (10.0, 10),
+            EnvName::SwingUp => (50.0, 10),
+            EnvName::CartPole => (100.0, 5),
+            EnvName::ThreePole => (50.0, 20),
+        };
+        // PCC's r = 1 counts actions in the task's units, ours are in units of their limit.
+        let action_cost = match of.preset {
+            Preset::Recipe => 1.0,
+            Preset::Paper => of.task.open().action_limit()[0] * of.task.open().action_limit()[0],
+        };
+        Self { state_cost, action_cost, plan_length, ..Self::default() }
+    }
+
+    fn check(&self) -> Vec<Refusal> {
+        let mut refusals = Vec::new();
+        above_zero(&mut refusals, "state_cost", self.state_cost);
+        above_zero(&mut refusals, "action_cost", self.action_cost);
+        for (path, count, fewest) in [
+            ("plan_length", self.plan_length, 1.0),
+            ("uniform_plans", self.uniform_plans, 0.0),
+            ("bang_bang_plans", self.bang_bang_plans, 0.0),
+            ("iterations", self.iterations, 1.0),
+        ] {
+            within(&mut refusals, path, count as f64, fewest, 1000.0);
+        }
+        if self.uniform_plans == 0 && self.bang_bang_plans == 0 {
+            let why = "must be at least 1 where `bang_bang_plans` is 0".to_owned();
+            refusals.push(Refusal { path: "uniform_plans", why });
+        }
+        refusals
+    }
+}
+
+inputs! {
+    pub(super) struct Inputs {}
+}
+
+pub(super) struct ControlIlqr;
+
+impl Stage for ControlIlqr {
+    const KIND: &'static str = "control_ilqr";
+    const VERSION: u32 = 1;
+    const ABOUT: &'static str = "iLQR, the controller of PCC: it plans in a model and learns nothing";
+    type Params = Ilqr;
+    type Inputs = Inputs;
+    type Output = Ilqr;
+
+    fn run(params: &Ilqr, _: Inputs, _: &mut StageCx<'_>) -> anyhow::Result<Ilqr> {
+        Ok(params.clone())
+    }
+}
