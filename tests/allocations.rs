@@ -20,7 +20,7 @@ use carl_pipe::{
     },
     env::{Environment as _, Planar},
     lce::{
-        LceModel, Sizes,
+        Drift, LceModel, Sizes,
         model::background,
         objective::Weights,
         trainer::{self, Data, Objective, Trainer},
@@ -153,7 +153,8 @@ fn large_products_allocate_once_for_each_thread_and_small_ones_never() {
 
 #[test]
 fn a_training_step_of_the_representation_allocates_nothing() {
-    let (model, data) = model_and_data();
+    let (mut model, data) = model_and_data();
+    model.set_drift(Drift::Quadratic);
     let adam = Adam::new(model.arena.len());
     let mut trainer = Trainer::new(model, adam, AdamSettings { learning_rate: 5e-4, weight_decay: 1e-3 });
     let warm_up = WarmUp { sigma: 0.3, scale: 1.0, anchor: 30.0, outlier: 3.0, shrink: 0.01 };

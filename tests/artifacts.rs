@@ -114,6 +114,9 @@ fn values_survive_the_disk() {
     }
     survives(&transitions());
     survives(&model());
+    let mut drifting = model();
+    drifting.set_drift(Drift::Quadratic);
+    survives(&drifting);
     survives(&agent());
     survives(&evaluation());
     survives(&map());

@@ -13,7 +13,7 @@ use carl_pipe::{
     },
     env::{Environment as _, Planar},
     lce::{
-        LceModel, Sizes,
+        Drift, LceModel, Sizes,
         model::background,
         objective::Weights,
         trainer::{Data, Objective, Trainer},
@@ -65,7 +65,8 @@ fn bits(values: &[f32]) -> Vec<u32> {
 
 #[test]
 fn threads_change_no_bit_of_the_representation() {
-    let (model, data) = model_and_data(128);
+    let (mut model, data) = model_and_data(128);
+    model.set_drift(Drift::Quadratic);
     let guidance: Vec<f32> = (0..128).map(|i| 0.5 + (i % 7) as f32 * 0.1).collect();
     let pull = |transition: usize, z: &[f32], weight: f32, d_z: &mut [f32]| {
         let steep = 1.0 + transition as f32 * 0.01;

@@ -490,16 +490,15 @@ impl<T: Real> Run<'_, T> {
             let consistency = T::of(self.weights.consistency) * self.guidance(first + i) * self.mean;
             let [for_z1, ..] = self.noise(first + i);
             let (codes, d_codes) = c.encoder.codes();
-            let (now, next) = codes[4 * n * i..][..4 * n].split_at(2 * n);
-            let (d_now, d_next) = d_codes[4 * n * i..][..4 * n].split_at_mut(2 * n);
+            let (codes, d_codes) = (&codes[4 * n * i..][..4 * n], &mut d_codes[4 * n * i..][..4 * n]);
+            let (next, d_next) = (&codes[2 * n..], &mut d_codes[2 * n..]);
             d_next.fill(T::nil());
             heads::sample_backward(next, for_z1, c.d_z1.of(i), d_next);
             let terms = c.terms.of(i);
             terms[2] = heads::entropy(next, -consistency, d_next);
             let weight = T::of(self.weights.anchor) * self.mean;
             let scale = T::of(self.batch.anchor_scale);
-            let codes = ((now, next), (d_now, d_next));
-            terms[9] = anchor(n, self.action(first + i), scale, codes, c.drift.of(i), weight);
+            terms[9] = anchor(n, self.action(first + i), scale, (codes, d_codes), c.drift.of(i), weight);
         }
         if let Some(drift) = &nets.drift {
             let (codes, d_codes) = c.encoder.codes();
@@ -514,10 +513,12 @@ fn anchor<T: Real>(
     latent: usize,
     action: &[T],
     scale: T,
-    ((now, next), (d_now, d_next)): ((&[T], &[T]), (&mut [T], &mut [T])),
+    (codes, d_codes): (&[T], &mut [T]),
     (h, d_h): (&[T], &mut [T]),
     weight: T,
 ) -> T {
+    let (now, next) = codes.split_at(2 * latent);
+    let (d_now, d_next) = d_codes.split_at_mut(2 * latent);
     let or_zero = |x: Option<&T>| x.map_or(T::nil(), |&x| x);
     let mut sum = T::nil();
     for i in 0..latent {

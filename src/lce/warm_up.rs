@@ -71,6 +71,9 @@ pub struct WarmUpBatch<'a, T> {
     pub decode: bool,
 }
 
+/// What all samples of a step share besides the model: weights of encoder and decoder as the loops read them.
+type Shared<T> = (Ready<T>, Vec<Kernels<T>>);
+
 /// Buffers for batches up to a size; a step allocates nothing.
 #[derive(Debug, Clone)]
 pub struct WarmUpWorkspace<T> {
@@ -83,7 +86,7 @@ pub struct WarmUpWorkspace<T> {
     dynamics: Pass<T, 3>,
     drift: DriftPass<T>,
     terms: Block<T>,
-    shared: (Ready<T>, Vec<Kernels<T>>),
+    shared: Shared<T>,
     gradient: Vec<T>,
 }
 
@@ -120,7 +123,7 @@ impl<T: Real> WarmUpWorkspace<T> {
         }
     }
 
-    fn columns(&mut self, samples: usize) -> (Columns<'_, T>, &mut (Ready<T>, Vec<Kernels<T>>)) {
+    fn columns(&mut self, samples: usize) -> (Columns<'_, T>, &mut Shared<T>) {
         let columns = Columns {
             encoder: self.encoder.view(samples),
             decoder_input: self.decoder_input.view(samples),
@@ -192,7 +195,7 @@ struct Run<'a, T> {
     model: &'a LceModel<T>,
     settings: &'a WarmUp,
     batch: &'a WarmUpBatch<'a, T>,
-    shared: &'a (Ready<T>, Vec<Kernels<T>>),
+    shared: &'a Shared<T>,
     mean: T,
 }
 

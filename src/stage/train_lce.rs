@@ -139,7 +139,7 @@ impl super::Params for Params {
         } else if of.task.env != EnvName::Planar {
             // Poles swing by themselves, and nothing blocks them: the anchor has no outliers.
             params.drift = Drift::Quadratic;
-            params.warm_up = WarmUp { scale: 2.0, anchor: 100.0, outlier: 100.0, ..params.warm_up };
+            params.warm_up = WarmUp { scale: 2.0, anchor: 100.0, outlier: 1000.0, ..params.warm_up };
             params.lambda.anchor = 10.0;
         }
         params
