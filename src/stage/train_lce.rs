@@ -139,8 +139,6 @@ impl super::Params for Params {
         } else if of.task.env != EnvName::Planar {
             // Poles swing by themselves, and nothing blocks them: the anchor has no outliers.
             params.drift = Drift::Quadratic;
-            // Beside the action's axis this anchor leaves a code free, and without decoding it bends (docs/recipe.md).
-            params.anchor_epochs = 0;
             params.warm_up = WarmUp { scale: 2.0, anchor: 100.0, outlier: 1000.0, ..params.warm_up };
             params.lambda.anchor = 10.0;
         }
