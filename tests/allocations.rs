@@ -20,7 +20,7 @@ use carl_pipe::{
     },
     env::{Environment as _, Planar},
     lce::{
-        LceModel, Sizes,
+        Drift, LceModel, Sizes,
         model::background,
         objective::Weights,
         trainer::{self, Data, Objective, Trainer},
@@ -133,6 +133,7 @@ fn convolutional_model_and_data(samples: usize) -> (LceModel, Data) {
         latent: 2,
         action: 2,
         convolution: Some([2, 16, 24]),
+        drift: Drift::None,
         encoder: [60, 20],
         decoder: [20, 60],
         dynamics: [8, 8],
@@ -174,7 +175,10 @@ fn large_products_allocate_once_for_each_thread_and_small_ones_never() {
 
 #[test]
 fn a_training_step_of_the_representation_allocates_nothing() {
-    for (model, data) in [model_and_data(), convolutional_model_and_data(2 * trainer::BATCH)] {
+    let (mut drifting, of_drifting) = model_and_data();
+    drifting.set_drift(Drift::Quadratic);
+    let convolutional = convolutional_model_and_data(2 * trainer::BATCH);
+    for (model, data) in [model_and_data(), (drifting, of_drifting), convolutional] {
         a_training_step_allocates_nothing(model, &data);
     }
 }

@@ -8,7 +8,7 @@ use carl_pipe::{
     artifact::{Artifact, Evaluation, Files, LatentMap, TrainedModel, Transitions},
     control::{Agent, Ilqr, agent::Whitening},
     env::{Environment as _, Planar},
-    lce::{LceModel, Sizes},
+    lce::{Drift, LceModel, Sizes},
     nn::adam::Adam,
     rng::Rng,
 };
@@ -42,6 +42,7 @@ fn transitions() -> Transitions {
 
 fn model() -> TrainedModel {
     let sizes = Sizes {
+        drift: Drift::None,
         convolution: None,
         pixels: 6,
         latent: 2,
@@ -118,6 +119,9 @@ fn values_survive_the_disk() {
     }
     survives(&transitions());
     survives(&model());
+    let mut drifting = model();
+    drifting.set_drift(Drift::Quadratic);
+    survives(&drifting);
     survives(&agent());
     survives(&evaluation());
     survives(&ilqr());

@@ -13,7 +13,7 @@ use carl_pipe::{
     },
     env::{Environment as _, Planar},
     lce::{
-        LceModel, Sizes,
+        Drift, LceModel, Sizes,
         model::background,
         objective::Weights,
         trainer::{Data, Objective, Trainer},
@@ -66,6 +66,7 @@ fn convolutional_model_and_data(samples: usize) -> (LceModel, Data) {
         latent: 2,
         action: 2,
         convolution: Some([2, 16, 24]),
+        drift: Drift::None,
         encoder: [60, 20],
         decoder: [20, 60],
         dynamics: [8, 8],
@@ -86,7 +87,9 @@ fn bits(values: &[f32]) -> Vec<u32> {
 
 #[test]
 fn threads_change_no_bit_of_the_representation() {
-    for (model, data) in [model_and_data(128), convolutional_model_and_data(128)] {
+    let (mut drifting, of_drifting) = model_and_data(128);
+    drifting.set_drift(Drift::Quadratic);
+    for (model, data) in [model_and_data(128), (drifting, of_drifting), convolutional_model_and_data(128)] {
         threads_change_no_bit_of(&model, &data);
     }
 }

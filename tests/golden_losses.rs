@@ -6,7 +6,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use carl_pipe::{
     lce::{
-        LceModel, Sizes,
+        Drift, LceModel, Sizes,
         model::Nets,
         objective::{Batch, TERMS, Terms, Weights, Workspace},
     },
@@ -44,6 +44,7 @@ impl Golden {
     fn sizes(&self) -> Sizes {
         let out = |layer: &str| self.outputs(layer);
         Sizes {
+            drift: Drift::None,
             convolution: None,
             pixels: self.shape("x")[1],
             latent: self.shape("eps_ze")[1],

@@ -6,7 +6,7 @@
 use carl_pipe::{
     control::{Agent, agent::Whitening, distill},
     lce::{
-        LceModel, Sizes,
+        Drift, LceModel, Sizes,
         objective::{Batch, Regularizer, TERMS, Terms, Weights, Workspace, noise_width},
         warm_up::{WarmUp, WarmUpBatch, WarmUpWorkspace},
     },
@@ -238,6 +238,7 @@ const SAMPLES: usize = 5;
 
 fn case(latent: usize, action: usize) -> Case {
     case_of(Sizes {
+        drift: Drift::None,
         pixels: 23,
         latent,
         action,
@@ -252,6 +253,7 @@ fn case(latent: usize, action: usize) -> Case {
 /// Two frames of 16 rows and 24 columns: 2x3 pixels where the picture is smallest, of 2 and of 3 channels.
 fn convolutional_case() -> Case {
     case_of(Sizes {
+        drift: Drift::None,
         pixels: 2 * 16 * 24,
         latent: 3,
         action: 2,
@@ -261,6 +263,20 @@ fn convolutional_case() -> Case {
         dynamics: [6, 5],
         backward: [3, 4, 5, 6],
     })
+}
+
+/// Three coordinates that move by themselves as well.
+fn drifting_case() -> Case {
+    let Case { model, .. } = case(3, 1);
+    let mut case = case_of(Sizes { drift: Drift::Quadratic, ..model.sizes });
+    // A drift begins at zero, where many slopes are zero too.
+    let (name, layer) = case.model.nets.layout.layers.last().expect("layers");
+    assert_eq!(name, "drift");
+    let drift = &mut case.model.arena[layer.at..layer.at + layer.len()];
+    assert_eq!(drift, [0.0; 3 * (1 + 3 + 6)]);
+    drift.copy_from_slice(&random(&mut Rng::seed_from_u64(9), drift.len()));
+    case.each = 30;
+    case
 }
 
 fn case_of(sizes: Sizes) -> Case {
@@ -302,7 +318,7 @@ fn some_of(layers: &[(String, Linear)], each: usize) -> Vec<(String, Vec<usize>)
 #[test]
 fn the_gradient_of_the_whole_warm_up_equals_finite_differences() {
     let settings = WarmUp { sigma: 0.4, scale: 0.8, anchor: 3.0, outlier: 1.5, shrink: 0.05 };
-    for case in [case(2, 2), case(3, 1), convolutional_case()] {
+    for case in [case(2, 2), case(3, 1), drifting_case(), convolutional_case()] {
         let latent = case.model.sizes.latent;
         let run = |arena: &[f64]| {
             let model = LceModel { arena: arena.to_vec(), ..case.model.clone() };
@@ -390,7 +406,7 @@ fn every_weight() -> Weights {
 
 #[test]
 fn the_gradient_of_the_whole_objective_equals_finite_differences() {
-    for case in [case(2, 2), case(3, 1), convolutional_case()] {
+    for case in [case(2, 2), case(3, 1), drifting_case(), convolutional_case()] {
         for guided in [false, true] {
             let run = |arena: &[f64]| objective(&case, arena, &every_weight(), guided);
             let (total, terms, gradient) = run(&case.model.arena);
@@ -423,6 +439,23 @@ fn the_gradient_of_every_single_term_equals_finite_differences() {
             check(&what, &case.model.arena, &gradient, &which, |arena| objective(&case, arena, &weights, false).0);
         }
     }
+}
+
+/// Nothing but the anchor moves the drift, and through it the drift moves E of x.
+#[test]
+fn the_anchor_with_a_drift_equals_finite_differences() {
+    let case = drifting_case();
+    let anchor = Weights { anchor: 1.0, ..Weights::default() };
+    let run = |arena: &[f64], weights: &Weights| objective(&case, arena, weights, false);
+    let gradient = run(&case.model.arena, &anchor).2;
+    for (layer, which) in some_of(&case.model.nets.layout.layers, case.each) {
+        check(&layer, &case.model.arena, &gradient, &which, |arena| run(arena, &anchor).0);
+    }
+    let (_, layer) = case.model.nets.layout.layers.last().expect("layers");
+    let of_drift = layer.at..layer.at + layer.len();
+    assert!(gradient[of_drift.clone()].iter().all(|&g| g != 0.0));
+    let others = run(&case.model.arena, &Weights { anchor: 0.0, curvature: 0.9, ..every_weight() }).2;
+    assert!(others[of_drift].iter().all(|&g| g == 0.0));
 }
 
 /// The points (z, u) of the curvature are detached, and z comes from the encoder: the dynamics alone have a gradient,

@@ -101,7 +101,7 @@ const LEARNING: &[&str] =
 /// What moves the world, among files that learn.
 const ACTING: &[&str] = &["control/rollout.rs"];
 
-/// Stages that learn. They may ask which task it is, for the widths of networks.
+/// Stages that learn. They may ask which task it is, for widths of networks and presets.
 const LEARNING_STAGES: &[&str] = &["stage/train_lce.rs", "stage/train_sac.rs", "stage/distill_policy.rs"];
 
 fn source() -> PathBuf {

@@ -3,7 +3,7 @@
 mod tiny;
 
 use carl_pipe::{
-    artifact::{Artifact as _, Evaluation, Files, Transitions},
+    artifact::{Artifact as _, Evaluation, Files, TrainedModel, Transitions},
     env::Task,
     stage::{self, Preset, PresetOf},
 };
@@ -91,6 +91,34 @@ fn a_pendulum_is_learned_collected_and_measured() {
         Evaluation::load(&run("swing_up", "evaluate", json!({ "episodes": 1 }), learned)).expect("results");
     assert_eq!((evaluation.horizon, evaluation.episodes[0].path.len()), (400, 402));
     run("swing_up", "export_latent_map", json!({}), &[("model", &[&model])]);
+}
+
+#[test]
+fn a_drift_goes_along_with_a_warm_start() {
+    let bootstrap = run("swing_up", "generate_data", json!({ "samples": 16 }), &[]);
+    let train = |given: Value, start: &[&Files]| {
+        let files = run("swing_up", "train_lce", given, &[("transitions", &[&bootstrap]), ("warm_start", start)]);
+        let trained = TrainedModel::load(&files).expect("a model");
+        assert_eq!(trained.adam.m.len(), trained.model.arena.len());
+        let (name, layer) = trained.model.nets.layout.layers.last().expect("layers");
+        let drift = (name == "drift").then(|| trained.model.arena[layer.at..layer.at + layer.len()].to_vec());
+        (files, drift)
+    };
+    let few = json!({ "epochs": 2, "warm_up_epochs": 1, "anchor_epochs": 0, "ramp_epochs": 1 });
+    let (first, drift) = train(few, &[]);
+    let drift = drift.expect("the preset has a drift");
+    assert!(drift.iter().all(|&w| w != 0.0), "it was learned");
+    let slow = json!({ "epochs": 1, "learning_rate": 1e-9 });
+    assert!(train(slow, &[&first]).1.expect("a drift").iter().zip(&drift).all(|(new, old)| (new - old).abs() < 1e-6));
+    let (without, dropped) = train(json!({ "epochs": 1, "drift": "none" }), &[&first]);
+    assert!(dropped.is_none());
+    assert!(train(json!({ "epochs": 1 }), &[&without]).1.is_some());
+}
+
+#[test]
+fn a_file_may_give_a_part_of_the_warm_up() {
+    let table = toml::de::ValueDeserializer::parse("{ warm_up = { scale = 3 } }").expect("a table");
+    (stage::kind("train_lce").expect("a kind").try_table)(table).expect("the preset gives the rest");
 }
 
 #[test]

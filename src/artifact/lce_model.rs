@@ -8,7 +8,7 @@ use super::{
     tensors::{TensorFile, Tensors, file},
 };
 use crate::{
-    lce::{LceModel, Sizes, model::Nets},
+    lce::{Drift, LceModel, Sizes, model::Nets},
     nn::{adam::Adam, mlp::Layout},
 };
 
@@ -19,6 +19,16 @@ pub struct TrainedModel {
     pub model: LceModel,
     /// Adam's moments for all of them.
     pub adam: Adam<f32>,
+}
+
+impl TrainedModel {
+    /// Goes on under an anchor with another drift. One that the model has already is kept, with its moments.
+    pub fn set_drift(&mut self, drift: Drift) {
+        self.model.set_drift(drift);
+        let count = self.model.arena.len();
+        self.adam.m.resize(count, 0.0);
+        self.adam.v.resize(count, 0.0);
+    }
 }
 
 #[derive(Serialize, Deserialize)]
@@ -79,7 +89,7 @@ impl Artifact for TrainedModel {
 
     fn load(files: &Files) -> anyhow::Result<Self> {
         let About { sizes, adam_steps } = serde_json::from_slice(file(files, "model.json")?)?;
-        let Sizes { pixels, latent, action, convolution, encoder, decoder, dynamics, backward } = &sizes;
+        let Sizes { pixels, latent, action, convolution, encoder, decoder, dynamics, backward, drift: _ } = &sizes;
         check_widths(
             [pixels, latent, action].into_iter().chain(encoder).chain(decoder).chain(dynamics).chain(backward),
         )?;

@@ -4,10 +4,12 @@ mod backward;
 mod curvature;
 mod decoder;
 pub mod detectors;
+mod drift;
 mod encoder;
 pub mod model;
 pub mod objective;
 pub mod trainer;
 pub mod warm_up;
 
+pub use drift::Drift;
 pub use model::{LceModel, Sizes};

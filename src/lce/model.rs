@@ -3,6 +3,7 @@
 use super::{
     backward::Backward,
     decoder::{Decoder, DecoderPass},
+    drift::{Drift, Quadratic},
     encoder::{Encoder, EncoderPass},
 };
 use crate::{
@@ -35,6 +36,9 @@ pub struct Sizes {
     pub dynamics: [usize; 2],
     /// N_z, N_u, N_x and N_joint of the backward dynamics.
     pub backward: [usize; 4],
+    /// The anchor's drift.
+    #[serde(default, skip_serializing_if = "Drift::is_none")]
+    pub drift: Drift,
 }
 
 impl Sizes {
@@ -49,6 +53,7 @@ impl Sizes {
             decoder: [300, 300],
             dynamics: [20, 20],
             backward: [5, 5, 100, 100],
+            drift: Drift::None,
         }
     }
 
@@ -63,6 +68,7 @@ impl Sizes {
             decoder: [500, 500],
             dynamics: [30, 30],
             backward: [10, 10, 200, 200],
+            drift: Drift::None,
         }
     }
 
@@ -77,6 +83,7 @@ impl Sizes {
             decoder: [200, 1000],
             dynamics: [40, 40],
             backward: [10, 10, 300, 300],
+            drift: Drift::None,
         }
     }
 
@@ -99,6 +106,8 @@ pub struct Nets {
     pub dynamics: Mlp<3>,
     /// B: (z', u, x) -> Gaussian over z.
     pub(super) backward: Backward,
+    /// h, the last in the arena.
+    pub(super) drift: Option<Quadratic>,
 }
 
 impl Nets {
@@ -110,7 +119,11 @@ impl Nets {
         let decoder = Decoder::new(&mut layout, sizes);
         let dynamics = layout.mlp("dynamics", sizes.latent + sizes.action, [f0, f1, 2 * sizes.latent]);
         let backward = Backward::new(&mut layout, sizes);
-        Self { layout, encoder, decoder, dynamics, backward }
+        let drift = match sizes.drift {
+            Drift::None => None,
+            Drift::Quadratic => Some(Quadratic::new(&mut layout, sizes.latent)),
+        };
+        Self { layout, encoder, decoder, dynamics, backward, drift }
     }
 }
 
@@ -135,8 +148,16 @@ impl<T: Real> LceModel<T> {
     /// A model with random parameters.
     pub fn new(sizes: Sizes, background: Vec<u8>, rng: &mut Rng) -> Self {
         let nets = Nets::new(&sizes);
-        let arena = nets.layout.initialize(rng);
+        let mut arena = nets.layout.initialize(rng);
+        nets.drift.iter().for_each(|drift| drift.reset(&mut arena));
         Self { sizes, nets, arena, background }
+    }
+
+    /// The same networks under an anchor with another drift; a new one starts at zero.
+    pub fn set_drift(&mut self, drift: Drift) {
+        self.sizes.drift = drift;
+        self.nets = Nets::new(&self.sizes);
+        self.arena.resize(self.nets.layout.len, T::nil());
     }
 
     /// Pictures (bytes, non-zero is lit) in the form that this model reads.

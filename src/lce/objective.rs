@@ -7,6 +7,7 @@ use super::{
     backward::{BackwardMut, BackwardPass},
     curvature::{Curvature, CurvatureMut},
     decoder::{DecoderMut, DecoderPass},
+    drift::{DriftMut, DriftPass},
     encoder::{EncoderMut, EncoderPass, Ready},
     model::LceModel,
 };
@@ -38,7 +39,7 @@ pub struct Weights {
     pub deterministic: f64,
     /// L_reg, see [`Regularizer`].
     pub regularizer: f64,
-    /// |E(x') - E(x) - scale u|² of the means, see `warm_up`.
+    /// |E(x') - E(x) - h(E(x)) - scale u|² of the means, see `warm_up`.
     pub anchor: f64,
 }
 
@@ -169,6 +170,7 @@ pub struct Workspace<T> {
     curvature: Curvature<T>,
     z1: Block<T>,
     d_z1: Block<T>,
+    drift: DriftPass<T>,
     terms: Block<T>,
     shared: Shared<T>,
     gradient: Vec<T>,
@@ -195,6 +197,7 @@ cut_together! {
         curvature: CurvatureMut<'a, T>,
         z1: BlockMut<'a, T>,
         d_z1: BlockMut<'a, T>,
+        drift: DriftMut<'a, T>,
         terms: BlockMut<'a, T>,
     }
 }
@@ -215,6 +218,7 @@ impl<T: Real> Workspace<T> {
             curvature: Curvature::new(nets, samples),
             z1: Block::new(n, samples),
             d_z1: Block::new(n, samples),
+            drift: DriftPass::new(nets, samples),
             terms: Block::new(TERMS, samples),
             shared: Shared {
                 encoder: nets.encoder.ready(),
@@ -238,6 +242,7 @@ impl<T: Real> Workspace<T> {
             curvature: self.curvature.view(samples),
             z1: self.z1.view(samples),
             d_z1: self.d_z1.view(samples),
+            drift: self.drift.view(samples),
             terms: self.terms.view(samples),
         };
         (columns, &mut self.shared)
@@ -281,6 +286,9 @@ impl<T: Real> Workspace<T> {
         let z_u = self.dynamics_input.view(samples).data;
         nets.dynamics.gradient(1, gradient, Into::Replace, z_u, &self.dynamics.view(samples));
         self.curvature.view(samples).add_gradient(nets, gradient);
+        if let Some(drift) = &nets.drift {
+            drift.gradient(gradient, &self.drift.view(samples));
+        }
     }
 
     fn mean_terms(&self, samples: usize) -> Terms {
@@ -475,40 +483,52 @@ impl<T: Real> Run<'_, T> {
             }
         }
         nets.backward.backward(arena, &mut c.backward, c.d_z1.data);
+        if let Some(drift) = &nets.drift {
+            drift.forward(arena, c.encoder.codes().0, &mut c.drift);
+        }
         for i in 0..samples {
             let consistency = T::of(self.weights.consistency) * self.guidance(first + i) * self.mean;
             let [for_z1, ..] = self.noise(first + i);
             let (codes, d_codes) = c.encoder.codes();
-            let (now, next) = codes[4 * n * i..][..4 * n].split_at(2 * n);
-            let (d_now, d_next) = d_codes[4 * n * i..][..4 * n].split_at_mut(2 * n);
+            let (codes, d_codes) = (&codes[4 * n * i..][..4 * n], &mut d_codes[4 * n * i..][..4 * n]);
+            let (next, d_next) = (&codes[2 * n..], &mut d_codes[2 * n..]);
             d_next.fill(T::nil());
             heads::sample_backward(next, for_z1, c.d_z1.of(i), d_next);
             let terms = c.terms.of(i);
             terms[2] = heads::entropy(next, -consistency, d_next);
             let weight = T::of(self.weights.anchor) * self.mean;
             let scale = T::of(self.batch.anchor_scale);
-            terms[9] = anchor(n, self.action(first + i), scale, (now, next), weight, (d_now, d_next));
+            terms[9] = anchor(n, self.action(first + i), scale, (codes, d_codes), c.drift.of(i), weight);
+        }
+        if let Some(drift) = &nets.drift {
+            let (codes, d_codes) = c.encoder.codes();
+            drift.backward(arena, codes, &mut c.drift, d_codes);
         }
     }
 }
 
-/// |E(x') - E(x) - scale \[u; 0\]|² of the means; adds `weight` times its gradient to both codes.
+/// |E(x') - E(x) - h - scale \[u; 0\]|² of the means; adds `weight` times its gradient to both codes and sets h's.
 #[inline(always)]
-pub(super) fn anchor<T: Real>(
+fn anchor<T: Real>(
     latent: usize,
     action: &[T],
     scale: T,
-    (now, next): (&[T], &[T]),
+    (codes, d_codes): (&[T], &mut [T]),
+    (h, d_h): (&[T], &mut [T]),
     weight: T,
-    (d_now, d_next): (&mut [T], &mut [T]),
 ) -> T {
+    let (now, next) = codes.split_at(2 * latent);
+    let (d_now, d_next) = d_codes.split_at_mut(2 * latent);
+    let or_zero = |x: Option<&T>| x.map_or(T::nil(), |&x| x);
     let mut sum = T::nil();
     for i in 0..latent {
-        let moved = action.get(i).map_or(T::nil(), |&u| scale * u);
-        let rest = next[i] - now[i] - moved;
+        let rest = next[i] - now[i] - scale * or_zero(action.get(i)) - or_zero(h.get(i));
         let slope = weight * (rest + rest);
         d_next[i] += slope;
         d_now[i] -= slope;
+        if let Some(d_h) = d_h.get_mut(i) {
+            *d_h = -slope;
+        }
         sum += rest * rest;
     }
     sum

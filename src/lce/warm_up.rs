@@ -1,10 +1,12 @@
 //! The anchored warm-up: a predictive autoencoder whose code moves by a fixed vector for every unit of action.
 //!
 //! From random weights the paper's loss collapses: the encoder's noise grows until the code says nothing. This loss has
-//! one optimum, a code affine in the position, that can neither collapse nor fold. It uses (x, u, x') alone.
+//! one optimum, a code affine in the position, that can neither collapse nor fold. Where a code also moves by itself, a
+//! [`Drift`](super::Drift) takes that up, and the action's vector stays the same everywhere. It uses (x, u, x') alone.
 
 use super::{
     decoder::{DecoderMut, DecoderPass},
+    drift::{DriftMut, DriftPass},
     encoder::{EncoderMut, EncoderPass, Ready},
     model::LceModel,
 };
@@ -21,7 +23,7 @@ use crate::nn::{
 
 /// Constants of the warm-up loss.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, default)]
 pub struct WarmUp {
     /// Standard deviation of the noise on codes, s; the encoder's own is pulled towards it.
     pub sigma: f64,
@@ -33,6 +35,12 @@ pub struct WarmUp {
     pub outlier: f64,
     /// Weight of |z|².
     pub shrink: f64,
+}
+
+impl Default for WarmUp {
+    fn default() -> Self {
+        Self { sigma: 0.3, scale: 1.0, anchor: 30.0, outlier: 3.0, shrink: 0.01 }
+    }
 }
 
 /// Mean values of the parts over a batch.
@@ -73,6 +81,7 @@ pub struct WarmUpWorkspace<T> {
     dynamics_input: Block<T>,
     d_dynamics_input: Block<T>,
     dynamics: Pass<T, 3>,
+    drift: DriftPass<T>,
     terms: Block<T>,
     shared: Shared<T>,
     gradient: Vec<T>,
@@ -94,6 +103,7 @@ cut_together! {
         dynamics_input: BlockMut<'a, T>,
         d_dynamics_input: BlockMut<'a, T>,
         dynamics: PassMut<'a, T, 3>,
+        drift: DriftMut<'a, T>,
         terms: BlockMut<'a, T>,
     }
 }
@@ -110,6 +120,7 @@ impl<T: Real> WarmUpWorkspace<T> {
             dynamics_input: Block::new(n + a, samples),
             d_dynamics_input: Block::new(n + a, samples),
             dynamics: Pass::new(&nets.dynamics, samples, 1),
+            drift: DriftPass::new(nets, samples),
             terms: Block::new(4, samples),
             shared: Shared { encoder: nets.encoder.ready(), decoder: nets.decoder.ready() },
             gradient: vec![T::nil(); nets.layout.len],
@@ -125,6 +136,7 @@ impl<T: Real> WarmUpWorkspace<T> {
             dynamics_input: self.dynamics_input.view(samples),
             d_dynamics_input: self.d_dynamics_input.view(samples),
             dynamics: self.dynamics.view(samples),
+            drift: self.drift.view(samples),
             terms: self.terms.view(samples),
         };
         (columns, &mut self.shared)
@@ -177,6 +189,9 @@ impl<T: Real> WarmUpWorkspace<T> {
         }
         let z_u = self.dynamics_input.view(samples).data;
         nets.dynamics.gradient(1, gradient, Into::Replace, z_u, &self.dynamics.view(samples));
+        if let Some(drift) = &nets.drift {
+            drift.gradient(gradient, &self.drift.view(samples));
+        }
     }
 }
 
@@ -276,6 +291,9 @@ impl<T: Real> Run<'_, T> {
             c.terms.of(i)[2] = sum * T::of(0.5 / (s.sigma * s.sigma));
         }
         nets.dynamics.backward(arena, &mut c.dynamics, Some(c.d_dynamics_input.data));
+        if let Some(drift) = &nets.drift {
+            drift.forward(arena, codes, &mut c.drift);
+        }
         for i in 0..samples {
             let (codes, d_codes) = (&codes[4 * n * i..][..4 * n], &mut d_codes[4 * n * i..][..4 * n]);
             for k in 0..n {
@@ -283,7 +301,7 @@ impl<T: Real> Run<'_, T> {
                     c.dynamics.delta[2][2 * n * i + k] + c.d_dynamics_input.of(i)[k] + c.d_decoder_input.of(i)[k];
             }
             let action = &self.batch.actions[(first + i) * a..][..a];
-            c.terms.of(i)[3] = robust_anchor(n, action, s, codes, self.mean, d_codes);
+            c.terms.of(i)[3] = robust_anchor(n, action, s, (codes, d_codes), c.drift.of(i), self.mean);
             let target = T::of(s.sigma).log();
             for (code, d_code) in codes.chunks_exact(2 * n).zip(d_codes.chunks_exact_mut(2 * n)) {
                 for k in 0..n {
@@ -294,17 +312,28 @@ impl<T: Real> Run<'_, T> {
                 }
             }
         }
+        if let Some(drift) = &nets.drift {
+            drift.backward(arena, codes, &mut c.drift, d_codes);
+        }
     }
 }
 
-/// The anchor on the codes of x and x': with r = (E(x') - E(x) - scale \[u; 0\]) / s, the pseudo-Huber loss
+/// The anchor on the codes of x and x': with r = (E(x') - E(x) - h - scale \[u; 0\]) / s, the pseudo-Huber loss
 /// o² (sqrt(1 + |r|²/o²) - 1), which is |r|²/2 for |r| well below the outlier distance o.
 #[inline(always)]
-fn robust_anchor<T: Real>(n: usize, action: &[T], s: &WarmUp, codes: &[T], mean: T, d_codes: &mut [T]) -> T {
+fn robust_anchor<T: Real>(
+    n: usize,
+    action: &[T],
+    s: &WarmUp,
+    (codes, d_codes): (&[T], &mut [T]),
+    (h, d_h): (&[T], &mut [T]),
+    mean: T,
+) -> T {
     let (now, next) = codes.split_at(2 * n);
     let (d_now, d_next) = d_codes.split_at_mut(2 * n);
     let scale = T::of(s.scale);
-    let rest = |k: usize| next[k] - now[k] - action.get(k).map_or(T::nil(), |&u| scale * u);
+    let or_zero = |x: Option<&T>| x.map_or(T::nil(), |&x| x);
+    let rest = |k: usize| next[k] - now[k] - scale * or_zero(action.get(k)) - or_zero(h.get(k));
     let squared = (0..n).map(|k| rest(k) * rest(k)).fold(T::nil(), |sum, x| sum + x);
     let outlier = T::of(s.outlier * s.outlier);
     let inverse = T::of(1.0 / (s.sigma * s.sigma));
@@ -313,6 +342,9 @@ fn robust_anchor<T: Real>(n: usize, action: &[T], s: &WarmUp, codes: &[T], mean:
     for k in 0..n {
         d_next[k] += slope * rest(k);
         d_now[k] -= slope * rest(k);
+    }
+    for (k, d_h) in d_h.iter_mut().enumerate() {
+        *d_h = -slope * rest(k);
     }
     T::of(s.anchor) * outlier * (root - T::unit())
 }

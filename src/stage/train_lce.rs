@@ -9,7 +9,7 @@ use crate::{
     control::{Agent, regularizer::PolicyRegularizer},
     env::EnvName,
     lce::{
-        LceModel, Sizes, detectors,
+        Drift, LceModel, Sizes, detectors,
         model::background,
         objective::{Regularizer, Terms, Weights},
         trainer::{BATCH, Data, Objective, Trainer},
@@ -71,6 +71,8 @@ pub(super) struct Params {
     ramp_from: f64,
     /// Constants of the warm-up.
     warm_up: WarmUp,
+    /// How codes move by themselves, for the anchor of warm-up and loss.
+    drift: Drift,
     /// Weights of the terms of the loss.
     lambda: Lambda,
     /// Standard deviation of the curvature's noise.
@@ -109,7 +111,8 @@ impl Default for Params {
             anchor_epochs: 50,
             ramp_epochs: 50,
             ramp_from: 0.02,
-            warm_up: WarmUp { sigma: 0.3, scale: 1.0, anchor: 30.0, outlier: 3.0, shrink: 0.01 },
+            warm_up: WarmUp::default(),
+            drift: Drift::None,
             lambda: Lambda::default(),
             curvature_sigma: 0.1,
             learning_rate: 5e-4,
@@ -133,6 +136,11 @@ impl super::Params for Params {
             // The paper knows no warm-up, no ramp and no anchor, and says of L_reg only that its weight is small.
             (params.warm_up_epochs, params.ramp_epochs, params.lambda.anchor) = (0, 0, 0.0);
             params.lambda.regularizer = if params.objective == LossName::Carl { 0.01 } else { 0.0 };
+        } else if of.task.env != EnvName::Planar {
+            // Poles swing by themselves, and nothing blocks them: the anchor has no outliers.
+            params.drift = Drift::Quadratic;
+            params.warm_up = WarmUp { scale: 2.0, anchor: 100.0, outlier: 1000.0, ..params.warm_up };
+            params.lambda.anchor = 10.0;
         }
         params
     }
@@ -197,7 +205,8 @@ impl Stage for TrainLce {
         let transitions = Transitions::concat(&inputs.transitions)?;
         let is_warm = inputs.warm_start.is_some();
         let regularizer = l_reg(params, &inputs, &transitions);
-        let start = inputs.warm_start.clone().map_or_else(|| fresh(&transitions, cx), Ok)?;
+        let mut start = inputs.warm_start.clone().map_or_else(|| fresh(&transitions, cx), Ok)?;
+        start.set_drift(params.drift);
         let data = transitions.data(&start.model);
         let warm_up_epochs = if is_warm { 0 } else { params.warm_up_epochs };
         let learning_rate = if warm_up_epochs > 0 { params.warm_up_learning_rate } else { params.learning_rate };

@@ -11,6 +11,7 @@ use crate::{
         agent::Whitening,
         sac::{Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
     },
+    env::EnvName,
     nn::math,
     record::{At, topic},
 };
@@ -81,7 +82,9 @@ impl Default for Params {
 impl super::Params for Params {
     fn preset(of: &PresetOf<'_>) -> Self {
         match of.preset {
-            Preset::Recipe => Self::default(),
+            Preset::Recipe if of.task.env == EnvName::Planar => Self::default(),
+            // As long as a swing takes, and paces that fall: what is learned early would be lost again.
+            Preset::Recipe => Self { rollout: 10, last_pace: 0.05, ..Self::default() },
             Preset::Paper => Self {
                 acting_rate: 1.0,
                 temperature: Temperature::Decayed,

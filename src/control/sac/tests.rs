@@ -3,7 +3,7 @@ use rand::SeedableRng as _;
 use super::*;
 use crate::{
     control::agent::Whitening,
-    lce::{Sizes, model::Nets},
+    lce::{Drift, Sizes, model::Nets},
 };
 
 /// How far one unit of action moves the code in the known dynamics.
@@ -13,6 +13,7 @@ const LOG_SIGMA: f32 = -4.0;
 /// A model whose dynamics are z' = z + STRIDE u, with a little noise: relu(u) - relu(-u) is u.
 fn known_model() -> LceModel {
     let sizes = Sizes {
+        drift: Drift::None,
         convolution: None,
         pixels: 1,
         latent: 2,

@@ -1,0 +1,132 @@
+//! The drift h of the anchor, E(x') ≈ E(x) + h(E(x)) + scale \[u; 0\]: how a code moves while nothing acts.
+//!
+//! It sees the code alone, so it cannot take the action's part. Nothing but the anchor reads it: F is what predicts.
+
+use super::model::Nets;
+use crate::nn::{
+    Real,
+    columns::{Block, BlockMut, cut_together},
+    mat::Into,
+    mlp::{Layout, Linear},
+};
+
+/// The drift's shape.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Drift {
+    /// Codes rest: an action is a displacement.
+    #[default]
+    None,
+    /// Quadratic in z, learned beside the model: velocity and gravity.
+    Quadratic,
+}
+
+impl Drift {
+    /// Whether codes rest.
+    pub fn is_none(&self) -> bool {
+        *self == Self::None
+    }
+}
+
+/// h(z) = b + W m(z), where m are the monomials of degree one and two.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Quadratic {
+    layer: Linear,
+}
+
+/// Buffers of a batch; without a drift they have no width.
+#[derive(Debug, Clone)]
+pub(super) struct DriftPass<T> {
+    monomials: Block<T>,
+    d_monomials: Block<T>,
+    h: Block<T>,
+    d_h: Block<T>,
+}
+
+cut_together! {
+    #[derive(Debug)]
+    pub(super) struct DriftMut<'a, T> {
+        monomials: BlockMut<'a, T>,
+        d_monomials: BlockMut<'a, T>,
+        h: BlockMut<'a, T>,
+        d_h: BlockMut<'a, T>,
+    }
+}
+
+impl<T: Real> DriftPass<T> {
+    pub(super) fn new(nets: &Nets, samples: usize) -> Self {
+        let (n_in, n_out) = nets.drift.map_or((0, 0), |drift| (drift.layer.n_in, drift.layer.n_out));
+        let [monomials, d_monomials] = [(); 2].map(|()| Block::new(n_in, samples));
+        let [h, d_h] = [(); 2].map(|()| Block::new(n_out, samples));
+        Self { monomials, d_monomials, h, d_h }
+    }
+
+    pub(super) fn view(&mut self, samples: usize) -> DriftMut<'_, T> {
+        DriftMut {
+            monomials: self.monomials.view(samples),
+            d_monomials: self.d_monomials.view(samples),
+            h: self.h.view(samples),
+            d_h: self.d_h.view(samples),
+        }
+    }
+}
+
+impl<T> DriftMut<'_, T> {
+    /// h at a sample's code, and where its gradient goes; both empty without a drift.
+    pub(super) fn of(&mut self, sample: usize) -> (&[T], &mut [T]) {
+        (self.h.of(sample), self.d_h.of(sample))
+    }
+}
+
+impl Quadratic {
+    /// A place for the coefficients of `latent` coordinates.
+    pub(super) fn new(layout: &mut Layout, latent: usize) -> Self {
+        Self { layer: layout.linear("drift", latent + latent * (latent + 1) / 2, latent) }
+    }
+
+    /// No drift, as it begins.
+    pub(super) fn reset<T: Real>(&self, arena: &mut [T]) {
+        arena[self.layer.at..][..self.layer.len()].fill(T::nil());
+    }
+
+    /// h at the means of E(·|x), the first of the four parts of every sample's codes.
+    #[inline(always)]
+    pub(super) fn forward<T: Real>(&self, arena: &[T], codes: &[T], pass: &mut DriftMut<'_, T>) {
+        let (n, width) = (self.layer.n_out, self.layer.n_in);
+        for (codes, monomials) in codes.chunks_exact(4 * n).zip(pass.monomials.data.chunks_exact_mut(width)) {
+            let z = &codes[..n];
+            let (linear, quadratic) = monomials.split_at_mut(n);
+            linear.copy_from_slice(z);
+            let products = (0..n).flat_map(|i| (i..n).map(move |j| (i, j)));
+            for (monomial, (i, j)) in quadratic.iter_mut().zip(products) {
+                *monomial = z[i] * z[j];
+            }
+        }
+        self.layer.forward(arena, pass.monomials.data, pass.h.data, false);
+    }
+
+    /// Adds the gradient that reaches the means of E(·|x) through h.
+    #[inline(always)]
+    pub(super) fn backward<T: Real>(&self, arena: &[T], codes: &[T], pass: &mut DriftMut<'_, T>, d_codes: &mut [T]) {
+        let (n, width) = (self.layer.n_out, self.layer.n_in);
+        self.layer.backward(arena, pass.d_h.data, pass.d_monomials.data);
+        let columns = codes.chunks_exact(4 * n).zip(d_codes.chunks_exact_mut(4 * n));
+        for ((codes, d_codes), d_monomials) in columns.zip(pass.d_monomials.data.chunks_exact(width)) {
+            let (z, d_z) = (&codes[..n], &mut d_codes[..n]);
+            let (d_linear, d_quadratic) = d_monomials.split_at(n);
+            for (d_z, &d) in d_z.iter_mut().zip(d_linear) {
+                *d_z += d;
+            }
+            let products = (0..n).flat_map(|i| (i..n).map(move |j| (i, j)));
+            for (&d, (i, j)) in d_quadratic.iter().zip(products) {
+                d_z[i] += d * z[j];
+                d_z[j] += d * z[i];
+            }
+        }
+    }
+
+    /// The gradient of the coefficients.
+    pub(super) fn gradient<T: Real>(&self, gradient: &mut [T], pass: &DriftMut<'_, T>) {
+        self.layer.gradient(1, gradient, Into::Replace, pass.monomials.data, pass.d_h.data);
+    }
+}
