@@ -4,6 +4,8 @@
 //! from.
 #![allow(unsafe_code, reason = "a global allocator is unsafe by contract")]
 
+mod models;
+
 use std::{
     alloc::{GlobalAlloc, Layout, System},
     backtrace::Backtrace,
@@ -11,27 +13,25 @@ use std::{
 };
 
 use carl_pipe::{
-    artifact::Transitions,
     control::{
         Agent,
         agent::Whitening,
         regularizer::PolicyRegularizer,
         sac::{self, Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
     },
-    env::{Environment as _, Planar},
     lce::{
-        Drift, LceModel, Sizes,
-        model::background,
+        Drift, LceModel,
         objective::Weights,
         trainer::{self, Data, Objective, Trainer},
         warm_up::WarmUp,
     },
     nn::{
         adam::{Adam, AdamSettings},
-        mat, noise,
+        mat,
     },
     rng::Rng,
 };
+use models::{convolutional_model_and_data, model_and_data};
 use rand::SeedableRng as _;
 
 struct Counting;
@@ -102,51 +102,9 @@ fn asked(work: impl FnOnce()) -> Asked {
     ASKED.get()
 }
 
+/// Two whole batches.
+const SAMPLES: usize = 2 * trainer::BATCH;
 const NOTHING: Asked = Asked { times: 0, bytes: 0 };
-
-/// Transitions of random walks in the planar system.
-fn transitions(samples: usize) -> Transitions {
-    let planar = Planar { noise: 0.0 };
-    let mut rng = Rng::seed_from_u64(1);
-    let mut transitions = Transitions { picture: planar.picture_size(), action_dim: 2, ..Transitions::default() };
-    for _ in 0..samples {
-        let (state, action) = (planar.sample_state(&mut rng), planar.sample_action(&mut rng));
-        let next = planar.step(&state, &action, &mut rng);
-        let scaled: Vec<f32> = action.iter().map(|u| (u / 3.0) as f32).collect();
-        transitions.push(&planar.picture(&state), &scaled, &planar.picture(&next), 0);
-    }
-    transitions
-}
-
-fn model_and_data() -> (LceModel, Data) {
-    let transitions = transitions(2 * trainer::BATCH);
-    let background = background(&transitions.frames(), transitions.pixels());
-    let model = LceModel::new(Sizes::planar(), background, &mut Rng::seed_from_u64(2));
-    let data = transitions.data(&model);
-    (model, data)
-}
-
-/// A small convolutional model on two frames of random pictures.
-fn convolutional_model_and_data(samples: usize) -> (LceModel, Data) {
-    let sizes = Sizes {
-        pixels: 2 * 16 * 24,
-        latent: 2,
-        action: 2,
-        convolution: Some([2, 16, 24]),
-        drift: Drift::None,
-        encoder: [60, 20],
-        decoder: [20, 60],
-        dynamics: [8, 8],
-        backward: [3, 3, 10, 10],
-    };
-    let mut rng = Rng::seed_from_u64(1);
-    let frames: Vec<u8> = (0..2 * samples * sizes.pixels).map(|_| u8::from(noise::index(&mut rng, 20) == 0)).collect();
-    let actions = (0..2 * samples).map(|_| noise::uniform(&mut rng, -1.0, 1.0)).collect();
-    let background = background(&frames, sizes.pixels);
-    let model = LceModel::new(sizes, background, &mut rng);
-    let data = Data { pictures: model.pictures(&frames), actions, action_dim: 2 };
-    (model, data)
-}
 
 #[test]
 fn the_counter_counts() {
@@ -175,10 +133,10 @@ fn large_products_allocate_once_for_each_thread_and_small_ones_never() {
 
 #[test]
 fn a_training_step_of_the_representation_allocates_nothing() {
-    let (mut drifting, of_drifting) = model_and_data();
+    let (mut drifting, of_drifting) = model_and_data(SAMPLES);
     drifting.set_drift(Drift::Quadratic);
-    let convolutional = convolutional_model_and_data(2 * trainer::BATCH);
-    for (model, data) in [model_and_data(), (drifting, of_drifting), convolutional] {
+    let convolutional = convolutional_model_and_data(SAMPLES);
+    for (model, data) in [model_and_data(SAMPLES), (drifting, of_drifting), convolutional] {
         a_training_step_allocates_nothing(model, &data);
     }
 }
@@ -225,7 +183,7 @@ fn a_training_step_allocates_nothing(model: LceModel, data: &Data) {
 
 #[test]
 fn a_training_step_of_the_agent_allocates_nothing() {
-    let (model, data) = model_and_data();
+    let (model, data) = model_and_data(SAMPLES);
     let actions = [&data.actions[..], &data.actions].concat();
     let codes = Codes { data: model.encode(&data.pictures), actions, goals: vec![0.1, -0.2, 0.5, 0.5] };
     let settings = Sac {
