@@ -101,13 +101,13 @@ fn convolution(bencher: Bencher<'_, '_>, name: &str, which: Pass) {
     stack.forward(&kernels, &mut pass, fill);
     let delta = numbers(pass.layers.delta[0].len());
     pass.layers.delta[0].copy_from_slice(&delta);
-    let (mut shares, mut gradient) = (stack.shares(0), vec![0.0; layout.len]);
+    let (mut shares, mut gradient) = (stack.shares(), vec![0.0; layout.len]);
     let work = 2 * 25 * PICTURES * conv.pixels() * channels[0];
     bencher.counter(ItemsCount::new(work)).bench_local(|| match which {
         Pass::Forward => stack.forward(&kernels, &mut pass, fill),
         Pass::Backward => stack.backward(&kernels, &mut pass, Some(|_: usize, d: &[f32]| _ = divan::black_box(d))),
         Pass::Gradient => {
-            stack.gradient(1, &kernels, &mut pass, &mut shares, &mut gradient, &fill, None);
+            stack.gradient(1, &mut pass, &mut shares, &mut gradient, &fill);
         }
     });
 }

@@ -68,7 +68,7 @@ impl<T: Real> DecoderPass<T> {
                 stack: StackPass::new(stack, samples, each),
                 logits: Block::new(stack.convs[3].pixels() * each, samples),
                 delta: Block::new(stack.convs[3].pixels() * each, samples),
-                shares: stack.shares(0),
+                shares: stack.shares(),
             },
         }
     }
@@ -186,7 +186,6 @@ impl Decoder {
     pub(super) fn gradient<T: Real>(
         &self,
         threads: usize,
-        kernels: &[Kernels<T>],
         gradient: &mut [T],
         z: &[T],
         pass: &mut DecoderPass<T>,
@@ -201,7 +200,7 @@ impl Decoder {
                 dense.gradient(threads, gradient, Into::Replace, z, &dense_pass);
                 let flat = &*dense_pass.out[1];
                 let fill = |i: usize, input: &mut [T]| stack.convs[0].fill(flat, i, input);
-                stack.gradient(threads, kernels, &mut pass.view(samples), shares, gradient, &fill, None);
+                stack.gradient(threads, &mut pass.view(samples), shares, gradient, &fill);
             }
             _ => unreachable!("made by another decoder"),
         }

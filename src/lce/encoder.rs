@@ -4,7 +4,7 @@ use super::model::Sizes;
 use crate::nn::{
     Real,
     columns::{Block, BlockMut, Cut},
-    conv::{Conv, Kernels, Lit, Resize, Shares, Stack, StackMut, StackPass},
+    conv::{Conv, LitMut, LitPass, LitReady, LitStack, Resize, Shares},
     mat::Into,
     mlp::{Layout, Mlp, Pass, PassMut, mask},
     pictures::{Pictures, Place},
@@ -21,10 +21,8 @@ pub enum Encoder {
     Dense(Mlp<3>),
     /// Four convolutions, of stride 1, 2, 2 and 2, then one hidden layer; ReLU after each.
     Conv {
-        /// The first convolution.
-        lit: Lit,
-        /// The others.
-        stack: Stack<3>,
+        /// The convolutions.
+        stack: LitStack<3>,
         /// What follows.
         dense: Mlp<2>,
     },
@@ -35,7 +33,7 @@ pub enum Encoder {
 pub(super) enum Ready<T> {
     /// W x_background + b of the first layer.
     Dense(Vec<T>),
-    Conv(Vec<Kernels<T>>),
+    Conv(LitReady<T>),
 }
 
 /// Buffers of a pass.
@@ -43,13 +41,13 @@ pub(super) enum Ready<T> {
 #[allow(clippy::large_enum_variant, reason = "there is one of it in a workspace")]
 pub(super) enum EncoderPass<T> {
     Dense(Pass<T, 3>),
-    Conv { stack: StackPass<T, 3>, flat: Block<T>, d_flat: Block<T>, dense: Pass<T, 2>, shares: Shares<T> },
+    Conv { stack: LitPass<T, 3>, flat: Block<T>, d_flat: Block<T>, dense: Pass<T, 2>, shares: Shares<T> },
 }
 
 /// Some samples of an [`EncoderPass`].
 pub(super) enum EncoderMut<'a, T> {
     Dense(PassMut<'a, T, 3>),
-    Conv { stack: StackMut<'a, T, 3>, flat: BlockMut<'a, T>, d_flat: BlockMut<'a, T>, dense: PassMut<'a, T, 2> },
+    Conv { stack: LitMut<'a, T, 3>, flat: BlockMut<'a, T>, d_flat: BlockMut<'a, T>, dense: PassMut<'a, T, 2> },
 }
 
 impl<T: Real> Cut for EncoderMut<'_, T> {
@@ -76,12 +74,12 @@ impl<T: Real> EncoderPass<T> {
     pub(super) fn new(net: &Encoder, samples: usize, each: usize) -> Self {
         match net {
             Encoder::Dense(mlp) => Self::Dense(Pass::new(mlp, samples, each)),
-            Encoder::Conv { lit, stack, dense } => Self::Conv {
-                stack: StackPass::new(stack, samples, each),
+            Encoder::Conv { stack, dense } => Self::Conv {
+                stack: LitPass::new(stack, samples, each),
                 flat: Block::new(dense.layers[0].n_in * each, samples),
                 d_flat: Block::new(dense.layers[0].n_in * each, samples),
                 dense: Pass::new(dense, samples, each),
-                shares: stack.shares(lit.parameters()),
+                shares: stack.shares(),
             },
         }
     }
@@ -116,7 +114,6 @@ impl Encoder {
         let Some([frames, rows, columns]) = sizes.convolution else {
             return Self::Dense(layout.mlp("encoder", sizes.pixels, [sizes.encoder[0], sizes.encoder[1], codes]));
         };
-        let lit = Lit::new(layout, "encoder.0", frames, [rows, columns], CHANNELS);
         let [flat, hidden] = sizes.encoder;
         let half = |[rows, columns]: [usize; 2]| [rows.div_ceil(2), columns.div_ceil(2)];
         let (size_1, size_2) = (half([rows, columns]), half(half([rows, columns])));
@@ -125,19 +122,21 @@ impl Encoder {
         let down = |layout: &mut Layout, name, size, c_out| {
             Conv::new(layout, name, size, [CHANNELS, c_out], Resize::Down(2), true)
         };
-        let convs = [
-            down(layout, "encoder.1", [rows, columns], CHANNELS),
-            down(layout, "encoder.2", size_1, CHANNELS),
-            down(layout, "encoder.3", size_2, thin),
-        ];
-        Self::Conv { lit, stack: Stack { convs }, dense: layout.mlp("encoder.dense", flat, [hidden, codes]) }
+        let stack = LitStack::new(layout, "encoder", (frames, [rows, columns]), CHANNELS, |layout| {
+            [
+                down(layout, "encoder.1", [rows, columns], CHANNELS),
+                down(layout, "encoder.2", size_1, CHANNELS),
+                down(layout, "encoder.3", size_2, thin),
+            ]
+        });
+        Self::Conv { stack, dense: layout.mlp("encoder.dense", flat, [hidden, codes]) }
     }
 
     /// What all samples of a step share, still to be filled in.
     pub(super) fn ready<T: Real>(&self) -> Ready<T> {
         match self {
             Self::Dense(mlp) => Ready::Dense(vec![T::nil(); mlp.layers[0].n_out]),
-            Self::Conv { stack, .. } => Ready::Conv(stack.kernels()),
+            Self::Conv { stack, .. } => Ready::Conv(stack.ready()),
         }
     }
 
@@ -145,7 +144,7 @@ impl Encoder {
     pub(super) fn prepare<T: Real>(&self, arena: &[T], pictures: &Pictures, ready: &mut Ready<T>) {
         match (self, ready) {
             (Self::Dense(mlp), Ready::Dense(base)) => pictures.base(&mlp.layers[0], arena, base),
-            (Self::Conv { stack, .. }, Ready::Conv(kernels)) => stack.prepare(arena, kernels),
+            (Self::Conv { stack, .. }, Ready::Conv(ready)) => stack.prepare(arena, ready),
             _ => unreachable!("made by another encoder"),
         }
     }
@@ -165,42 +164,24 @@ impl Encoder {
                 mlp.forward_from_second(arena, pass);
             }
             (
-                Self::Conv { lit, stack, dense },
-                Ready::Conv(kernels),
+                Self::Conv { stack, dense },
+                Ready::Conv(ready),
                 EncoderMut::Conv { stack: pass, flat, dense: dense_pass, .. },
             ) => {
-                let first = &stack.convs[0];
-                stack.forward(kernels, pass, |i, input| lit.forward(arena, pictures, which[i], first, input));
-                let last = &stack.convs[2];
-                let width = dense.layers[0].n_in;
-                for (out, flat) in pass.layers.out[2].chunks_exact(last.width()).zip(flat.data.chunks_exact_mut(width))
-                {
-                    last.flatten(out, flat);
-                }
+                stack.forward(arena, ready, (pictures, which), pass, flat.data);
                 dense.forward(arena, flat.data, dense_pass);
             }
             _ => unreachable!("made by another encoder"),
         }
     }
 
-    /// Deltas of all layers from the gradient with respect to the Gaussians.
-    pub(super) fn backward<T: Real>(&self, arena: &[T], ready: &Ready<T>, pass: &mut EncoderMut<'_, T>) {
-        match (self, ready, pass) {
-            (Self::Dense(mlp), _, EncoderMut::Dense(pass)) => mlp.backward(arena, pass, None),
-            (
-                Self::Conv { stack, dense, .. },
-                Ready::Conv(kernels),
-                EncoderMut::Conv { stack: pass, flat, d_flat, dense: dense_pass },
-            ) => {
-                dense.backward(arena, dense_pass, Some(d_flat.data));
+    /// Deltas of the dense layers from the gradient with respect to the Gaussians.
+    pub(super) fn backward<T: Real>(&self, arena: &[T], pass: &mut EncoderMut<'_, T>) {
+        match (self, pass) {
+            (Self::Dense(mlp), EncoderMut::Dense(pass)) => mlp.backward(arena, pass, None),
+            (Self::Conv { dense, .. }, EncoderMut::Conv { flat, d_flat, dense: pass, .. }) => {
+                dense.backward(arena, pass, Some(d_flat.data));
                 mask(d_flat.data, flat.data);
-                let last = &stack.convs[2];
-                let width = dense.layers[0].n_in;
-                let deltas = pass.layers.delta[2].chunks_exact_mut(last.width());
-                for (d_flat, delta) in d_flat.data.chunks_exact(width).zip(deltas) {
-                    last.unflatten(d_flat, delta);
-                }
-                stack.backward(kernels, pass, None::<fn(usize, &[T])>);
             }
             _ => unreachable!("made by another encoder"),
         }
@@ -224,19 +205,13 @@ impl Encoder {
                 mlp.gradient_from_second(threads, gradient, Into::Replace, &pass);
             }
             (
-                Self::Conv { lit, stack, dense },
-                Ready::Conv(kernels),
-                EncoderPass::Conv { stack: pass, flat, dense: dense_pass, shares, .. },
+                Self::Conv { stack, dense },
+                Ready::Conv(ready),
+                EncoderPass::Conv { stack: pass, flat, d_flat, dense: dense_pass, shares },
             ) => {
                 dense.gradient(threads, gradient, Into::Replace, flat.view(samples).data, &dense_pass.view(samples));
-                let first = &stack.convs[0];
-                let fill = |i: usize, input: &mut [T]| lit.forward(arena, pictures, which[i], first, input);
-                let rest = |i: usize, input: &[T], d_input: &mut [T], sums: &mut [T]| {
-                    lit.gradient((pictures, which[i]), first, input, d_input, sums);
-                };
-                let sums =
-                    stack.gradient(threads, kernels, &mut pass.view(samples), shares, gradient, &fill, Some(&rest));
-                gradient[lit.weights.at..][..lit.parameters()].copy_from_slice(sums);
+                let d_flat = &d_flat.view(samples).data;
+                stack.gradient(threads, (arena, ready), gradient, (pictures, which), pass, d_flat, shares);
             }
             _ => unreachable!("made by another encoder"),
         }

@@ -279,7 +279,7 @@ impl<T: Real> Workspace<T> {
         let (gradient, shared, seen) = (&mut self.gradient[..], &self.shared, (batch.pictures, batch.pairs));
         nets.encoder.gradient(threads, (arena, &shared.encoder), gradient, seen, &mut self.encoder, samples);
         let z = self.decoder_input.view(samples).data;
-        nets.decoder.gradient(threads, &shared.decoder, gradient, z, &mut self.decoder, samples);
+        nets.decoder.gradient(threads, gradient, z, &mut self.decoder, samples);
         let inputs = (&*self.z1.view(samples).data, batch.actions);
         let backward = self.backward.view(samples);
         nets.backward.gradient(threads, gradient, inputs, (batch.pictures, batch.x), &backward);
@@ -331,7 +331,7 @@ impl<T: Real> Run<'_, T> {
         nets.decoder.backward(arena, &self.shared.decoder, &mut c.decoder, c.d_decoder_input.data);
         self.back_through_dynamics(first, samples, c);
         self.back_to_encoder(first, samples, c);
-        nets.encoder.backward(arena, &self.shared.encoder, &mut c.encoder);
+        nets.encoder.backward(arena, &mut c.encoder);
     }
 
     #[inline(always)]

@@ -183,7 +183,7 @@ impl<T: Real> WarmUpWorkspace<T> {
         nets.encoder.gradient(threads, (arena, &shared.encoder), gradient, seen, &mut self.encoder, samples);
         if batch.decode {
             let z = self.decoder_input.view(samples).data;
-            nets.decoder.gradient(threads, &shared.decoder, gradient, z, &mut self.decoder, samples);
+            nets.decoder.gradient(threads, gradient, z, &mut self.decoder, samples);
         } else {
             gradient[nets.decoder.parameters()].fill(T::nil());
         }
@@ -224,7 +224,7 @@ impl<T: Real> Run<'_, T> {
             c.terms.data.fill(T::nil());
         }
         self.backward(first, samples, c);
-        nets.encoder.backward(arena, &self.shared.encoder, &mut c.encoder);
+        nets.encoder.backward(arena, &mut c.encoder);
     }
 
     #[inline(always)]

@@ -53,6 +53,19 @@ impl<T: Real, const L: usize> Cut for PassMut<'_, T, L> {
     }
 }
 
+impl<C: Cut, const L: usize> Cut for [C; L] {
+    fn cut(self, samples: usize) -> (Self, Self) {
+        let mut rights = [const { None }; L];
+        let mut room = rights.iter_mut();
+        let lefts = self.map(|buffer| {
+            let (left, right) = buffer.cut(samples);
+            *room.next().expect("room for as many") = Some(right);
+            left
+        });
+        (lefts, rights.map(|right| right.expect("cut above")))
+    }
+}
+
 /// Declares a struct of buffers that are cut together.
 macro_rules! cut_together {
     ($(#[$meta:meta])* $vis:vis struct $name:ident<$life:lifetime, T> { $( $field:ident : $ty:ty ),* $(,)? }) => {

@@ -4,8 +4,6 @@
 //! Every entry is one chain of fused multiply-adds, over taps and then channels or over pixels, so neither the size of
 //! a tile nor the instruction set changes a bit.
 
-use std::ops::Range;
-
 use pulp::{Simd, WithSimd};
 
 use crate::nn::Real;
@@ -52,13 +50,32 @@ fn block(c_out: usize) -> usize {
     if c_out.is_multiple_of(32) { 32 } else { 16 }
 }
 
-/// y\[pixel\]\[o\] = start\[o\] + Σ over taps and i of x\[pixel + tap\]\[i\] w\[tap\]\[i\]\[o\], then ReLU where asked.
-pub(super) fn correlate<T: Real>(grid: &Grid, w: &[T], start: &[T], relu: bool, x: &[T], y: &mut [T]) {
-    crate::nn::arch().dispatch(Correlate { grid, w, start, relu, x, y });
+/// y\[pixel\]\[o\] = start\[o\] + Σ over taps and i of x\[pixel + tap\]\[i\] w\[tap\]\[i\]\[o\], then ReLU where asked; for
+/// the pixels of each row's run at least, where there are `runs`, else for all.
+#[allow(clippy::too_many_arguments, reason = "a product names its operands and where its result goes")]
+pub(super) fn correlate<T: Real>(
+    grid: &Grid,
+    runs: Option<Runs<'_>>,
+    w: &[T],
+    start: &[T],
+    relu: bool,
+    x: &[T],
+    y: &mut [T],
+) {
+    crate::nn::arch().dispatch(Correlate { grid, runs, w, start, relu, x, y });
+}
+
+/// The pixels from..to of every row; none where they begin behind their end.
+pub(super) type Runs<'a> = &'a [[usize; 2]];
+
+#[inline(always)]
+fn run(grid: &Grid, runs: Option<Runs<'_>>, row: usize) -> [usize; 2] {
+    runs.map_or([0, grid.columns], |runs| runs[row])
 }
 
 struct Correlate<'a, T> {
     grid: &'a Grid,
+    runs: Option<Runs<'a>>,
     w: &'a [T],
     start: &'a [T],
     relu: bool,
@@ -87,27 +104,36 @@ impl<T: Real> Correlate<'_, T> {
     fn pixels<S: Simd, const STEP: usize, const C_IN: usize>(&mut self, simd: S) {
         // As many sums as registers hold: V vectors of channels for each of P pixels.
         match T::count::<S>() {
-            16 if self.grid.block() == 32 => self.tiles::<S, STEP, C_IN, 2, 10>(simd),
-            16 => self.tiles::<S, STEP, C_IN, 1, 10>(simd),
-            8 => self.tiles::<S, STEP, C_IN, 2, 5>(simd),
-            4 => self.tiles::<S, STEP, C_IN, 4, 2>(simd),
-            _ => self.tiles::<S, STEP, C_IN, 16, 1>(simd),
+            16 if self.grid.block() == 32 => self.tiles::<S, STEP, C_IN, 2, 10, 5>(simd),
+            16 => self.tiles::<S, STEP, C_IN, 1, 10, 5>(simd),
+            8 => self.tiles::<S, STEP, C_IN, 2, 5, 1>(simd),
+            4 => self.tiles::<S, STEP, C_IN, 4, 2, 1>(simd),
+            _ => self.tiles::<S, STEP, C_IN, 16, 1, 1>(simd),
         }
     }
 
+    /// With tiles of `P` pixels, and smaller ones of `Q` at the end of a run.
     #[inline(always)]
-    fn tiles<S: Simd, const STEP: usize, const C_IN: usize, const V: usize, const P: usize>(&mut self, simd: S) {
+    fn tiles<S: Simd, const STEP: usize, const C_IN: usize, const V: usize, const P: usize, const Q: usize>(
+        &mut self,
+        simd: S,
+    ) {
         let (g, lanes) = (self.grid, T::count::<S>());
         for channel in (0..g.c_out).step_by(V * lanes) {
             for row in 0..g.rows {
-                let mut column = 0;
-                while column + P <= g.columns {
-                    self.tile::<S, STEP, C_IN, V, P>(simd, channel, row, column);
-                    column += P;
-                }
-                while column < g.columns {
-                    self.tile::<S, STEP, C_IN, V, 1>(simd, channel, row, column);
-                    column += 1;
+                let [mut column, to] = run(g, self.runs, row);
+                // At the right edge a tile begins earlier: some pixels are computed twice, to the same bits.
+                while column < to {
+                    if g.columns >= P && to - column > Q {
+                        self.tile::<S, STEP, C_IN, V, P>(simd, channel, row, column.min(g.columns - P));
+                        column += P;
+                    } else if g.columns >= Q {
+                        self.tile::<S, STEP, C_IN, V, Q>(simd, channel, row, column.min(g.columns - Q));
+                        column += Q;
+                    } else {
+                        self.tile::<S, STEP, C_IN, V, 1>(simd, channel, row, column);
+                        column += 1;
+                    }
                 }
             }
         }
@@ -153,18 +179,28 @@ impl<T: Real> Correlate<'_, T> {
     }
 }
 
-/// Pixels whose products are summed before the sums are stored.
+/// Pixels whose products are summed before the sums are stored, and the most of a row.
 const PIXELS: usize = 40;
+const COLUMNS: usize = 80;
 
-/// dw\[tap\]\[i\]\[o\] += Σ over pixels of x\[pixel + tap\]\[i\] dy\[pixel\]\[o\].
-pub(super) fn accumulate<T: Real>(grid: &Grid, x: &[T], dy: &[T], dw: &mut [T]) {
-    crate::nn::arch().dispatch(Accumulate { grid, x, dy, dw });
+/// dw\[tap\]\[i\]\[o\] += Σ over pixels of x\[pixel + tap\]\[i\] dy\[pixel\]\[o\]; over the pixels of each row's run, where
+/// there are `runs`, else over all. A row of `dy` is `dy_row` numbers long.
+pub(super) fn accumulate<T: Real>(
+    grid: &Grid,
+    runs: Option<Runs<'_>>,
+    x: &[T],
+    (dy, dy_row): (&[T], usize),
+    dw: &mut [T],
+) {
+    crate::nn::arch().dispatch(Accumulate { grid, runs, x, dy, dy_row, dw });
 }
 
 struct Accumulate<'a, T> {
     grid: &'a Grid,
+    runs: Option<Runs<'a>>,
     x: &'a [T],
     dy: &'a [T],
+    dy_row: usize,
     dw: &'a mut [T],
 }
 
@@ -173,70 +209,66 @@ impl<T: Real> WithSimd for Accumulate<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        match (self.grid.in_column, self.grid.out_column) {
-            (16, 32) => self.pixels::<S, 16, 32>(simd),
-            (32, 128) => self.pixels::<S, 32, 128>(simd),
-            (64, 16) => self.pixels::<S, 64, 16>(simd),
-            (64, 32) => self.pixels::<S, 64, 32>(simd),
-            (step, c_out) => unreachable!("no kernel for inputs {step} and outputs {c_out} apart"),
+        match T::count::<S>() {
+            16 if self.grid.block() == 32 => self.pixels::<S, 2, 8>(simd),
+            16 => self.pixels::<S, 1, 8>(simd),
+            8 => self.pixels::<S, 2, 4>(simd),
+            4 => self.pixels::<S, 4, 2>(simd),
+            _ => self.pixels::<S, 16, 1>(simd),
         }
     }
 }
 
 impl<T: Real> Accumulate<'_, T> {
+    /// A few rows at a time, so that what is read stays in the nearest cache and sums are not stored too often.
     #[inline(always)]
-    fn pixels<S: Simd, const STEP: usize, const C_OUT: usize>(&mut self, simd: S) {
-        match T::count::<S>() {
-            16 if self.grid.block() == 32 => self.rows::<S, STEP, C_OUT, 2, 8>(simd),
-            16 => self.rows::<S, STEP, C_OUT, 1, 8>(simd),
-            8 => self.rows::<S, STEP, C_OUT, 2, 4>(simd),
-            4 => self.rows::<S, STEP, C_OUT, 4, 2>(simd),
-            _ => self.rows::<S, STEP, C_OUT, 16, 1>(simd),
+    fn pixels<S: Simd, const V: usize, const I: usize>(&mut self, simd: S) {
+        let g = self.grid;
+        // Where each pixel lies in `x` and in `dy`: a tile is one loop, whose sums stay in registers.
+        let (mut places, mut count) = ([[0; 2]; PIXELS + COLUMNS], 0);
+        for row in 0..g.rows {
+            let [from, to] = run(g, self.runs, row);
+            for column in from..to {
+                places[count] = [row * g.in_row + column * g.in_column, row * self.dy_row + column * g.out_column];
+                count += 1;
+            }
+            if count >= PIXELS || row + 1 == g.rows {
+                self.tiles::<S, V, I>(simd, &places[..count]);
+                count = 0;
+            }
         }
     }
 
-    /// A few rows at a time, so that what is read stays in the nearest cache and sums are not stored too often.
     #[inline(always)]
-    fn rows<S: Simd, const STEP: usize, const C_OUT: usize, const V: usize, const I: usize>(&mut self, simd: S) {
+    fn tiles<S: Simd, const V: usize, const I: usize>(&mut self, simd: S, places: &[[usize; 2]]) {
         let (g, lanes) = (self.grid, T::count::<S>());
-        let at_once = (PIXELS / g.columns).max(1);
-        for row in (0..g.rows).step_by(at_once) {
-            let rows = row..(row + at_once).min(g.rows);
-            for tap in 0..g.taps.len() {
-                for channel in (0..g.c_out).step_by(V * lanes) {
-                    for input in (0..g.c_in).step_by(I) {
-                        self.tile::<S, STEP, C_OUT, V, I>(simd, rows.clone(), tap, channel, input);
-                    }
+        for tap in 0..g.taps.len() {
+            for channel in (0..g.c_out).step_by(V * lanes) {
+                for input in (0..g.c_in).step_by(I) {
+                    self.tile::<S, V, I>(simd, places, (tap, input, channel));
                 }
             }
         }
     }
 
     #[inline(always)]
-    fn tile<S: Simd, const STEP: usize, const C_OUT: usize, const V: usize, const I: usize>(
+    fn tile<S: Simd, const V: usize, const I: usize>(
         &mut self,
         simd: S,
-        rows: Range<usize>,
-        tap: usize,
-        channel: usize,
-        input: usize,
+        places: &[[usize; 2]],
+        (tap, input, channel): (usize, usize, usize),
     ) {
         let (g, lanes) = (self.grid, T::count::<S>());
         let vectors = g.block() / lanes;
         let dw = T::cut_mut::<S>(&mut self.dw[g.at(tap, input, channel)..]);
         let mut sums: [[T::V<S>; V]; I] = std::array::from_fn(|i| std::array::from_fn(|v| dw[i * vectors + v]));
-        for row in rows {
-            let x = &self.x[row * g.in_row + g.taps[tap] + input..];
-            // Chunks begin at the tile's own channels; what is left after the last pixel's may be short of a chunk.
-            let dy = self.dy[row * g.out_row..][..g.columns * C_OUT].as_chunks::<C_OUT>().0;
-            let x = x[..(g.columns - 1) * STEP + I].chunks(STEP);
-            for (x, dy) in x.zip(dy) {
-                let (x, dy) = (&x[..I], &T::cut::<S>(&dy[channel..channel + V * lanes])[..V]);
-                for i in 0..I {
-                    let x = T::splat(simd, x[i]);
-                    for v in 0..V {
-                        sums[i][v] = T::mul_add(simd, x, dy[v], sums[i][v]);
-                    }
+        let (x, dy) = (&self.x[g.taps[tap] + input..], &self.dy[channel..]);
+        for &[x_at, dy_at] in places {
+            let (x, dy) = (&x[x_at..x_at + I], &T::cut::<S>(&dy[dy_at..dy_at + V * lanes])[..V]);
+            for i in 0..I {
+                let x = T::splat(simd, x[i]);
+                for v in 0..V {
+                    sums[i][v] = T::mul_add(simd, x, dy[v], sums[i][v]);
                 }
             }
         }

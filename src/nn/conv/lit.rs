@@ -1,6 +1,9 @@
 //! The first convolution of binary pictures, by their lit pixels alone: a few per cent of them.
+//!
+//! Lit pixels come in runs, and an output reads a run through neighbouring taps of a row of the filter. So what it adds is
+//! one of 15 sums of such taps, made once a step.
 
-use super::{Conv, SIDE};
+use super::{Conv, SIDE, spans::Spans};
 use crate::nn::{
     Real,
     mlp::{Layout, Linear},
@@ -11,62 +14,163 @@ use crate::nn::{
 /// Reach of a filter to either side.
 const REACH: usize = SIDE / 2;
 
+/// Runs of neighbouring taps in a row of a filter.
+const TAP_RUNS: usize = SIDE * (SIDE + 1) / 2;
+
 /// A 5x5 convolution of stride 1 with ReLU on observations, which lie frame by frame, row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Lit {
+pub(super) struct Lit {
     /// Its parameters: W \[tap\]\[frame\]\[output\].
-    pub weights: Linear,
+    pub(super) weights: Linear,
     frames: usize,
     size: [usize; 2],
 }
 
+/// Lit pixels side by side: frame, row, and the columns from..to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Run {
+    frame: usize,
+    row: usize,
+    from: usize,
+    to: usize,
+}
+
+/// The number of the run of taps first..=last.
+fn tap_run(first: usize, last: usize) -> usize {
+    last * (last + 1) / 2 + first
+}
+
+/// sum += x, for channels in sixteens.
+#[inline(always)]
+fn add<T: Real>(sum: &mut [T], x: &[T]) {
+    for (sum, x) in sum.as_chunks_mut::<16>().0.iter_mut().zip(x.as_chunks::<16>().0) {
+        for i in 0..16 {
+            sum[i] += x[i];
+        }
+    }
+}
+
 impl Lit {
     /// A layer on observations of so many frames of `size` rows and columns.
-    pub fn new(layout: &mut Layout, name: &str, frames: usize, size: [usize; 2], c_out: usize) -> Self {
+    pub(super) fn new(layout: &mut Layout, name: &str, frames: usize, size: [usize; 2], c_out: usize) -> Self {
         let n_in = SIDE * SIDE * frames;
         Self { weights: layout.conv(name, n_in, c_out, n_in), frames, size }
     }
 
-    /// Numbers of its gradient: weights, then biases.
-    pub fn parameters(&self) -> usize {
-        self.weights.len()
+    /// Pixels of an observation.
+    pub(super) fn pixels(&self) -> usize {
+        self.frames * self.size[0] * self.size[1]
     }
 
-    /// Every (weights' first entry, output pixel) that a lit pixel has a part in.
-    fn touched(&self, pixel: usize) -> impl Iterator<Item = (usize, [usize; 2])> {
+    /// Numbers in sums of weights over runs of taps: \[row of taps\]\[frame\]\[run of taps\]\[output\].
+    pub(super) fn run_weights(&self) -> usize {
+        SIDE * self.frames * TAP_RUNS * self.weights.n_out
+    }
+
+    /// Where such a sum lies.
+    fn at(&self, tap_row: usize, frame: usize, tap_run: usize) -> usize {
+        ((tap_row * self.frames + frame) * TAP_RUNS + tap_run) * self.weights.n_out
+    }
+
+    /// Calls `with` with each tap, where it lies in the weights, and each sum that it is part of.
+    fn each_tap(&self, mut with: impl FnMut(usize, usize)) {
+        for (y, frame) in (0..SIDE).flat_map(|y| (0..self.frames).map(move |frame| (y, frame))) {
+            for (first, last) in (0..SIDE).flat_map(|last| (0..=last).map(move |first| (first, last))) {
+                for x in first..=last {
+                    let tap = ((y * SIDE + x) * self.frames + frame) * self.weights.n_out;
+                    with(tap, self.at(y, frame, tap_run(first, last)));
+                }
+            }
+        }
+    }
+
+    /// The weights summed over runs of taps; once a step.
+    pub(super) fn prepare<T: Real>(&self, arena: &[T], sums: &mut [T]) {
+        let (w, c) = (self.weights.w(arena), self.weights.n_out);
+        sums.fill(T::nil());
+        self.each_tap(|tap, at| add(&mut sums[at..at + c], &w[tap..tap + c]));
+    }
+
+    /// Sets the gradient of the parameters from that of the sums over runs of taps, then of the biases.
+    pub(super) fn unfold<T: Real>(&self, d_sums: &[T], gradient: &mut [T]) {
+        let c = self.weights.n_out;
+        let (dw, db) = self.weights.w_b_mut(gradient);
+        dw.fill(T::nil());
+        self.each_tap(|tap, at| add(&mut dw[tap..tap + c], &d_sums[at..at + c]));
+        db.copy_from_slice(&d_sums[self.run_weights()..]);
+    }
+
+    /// The lit pixels of a picture.
+    pub(super) fn runs(&self, pictures: &Pictures, picture: u32, runs: &mut Vec<Run>) {
         let [rows, columns] = self.size;
-        let (frame, pixel) = (pixel / (rows * columns), pixel % (rows * columns));
-        let (row, column) = (pixel / columns, pixel % columns);
-        let (frames, c_out) = (self.frames, self.weights.n_out);
-        // Output o reads pixel o + tap - 2.
-        let ys = (0..SIDE).filter(move |y| (REACH..rows + REACH).contains(&(row + 2 * REACH - y)));
-        ys.flat_map(move |y| {
-            let xs = (0..SIDE).filter(move |x| (REACH..columns + REACH).contains(&(column + 2 * REACH - x)));
-            xs.map(move |x| (((y * SIDE + x) * frames + frame) * c_out, [row + REACH - y, column + REACH - x]))
-        })
+        runs.clear();
+        for pixel in pictures.lit(picture) {
+            let (line, column) = (pixel / columns, pixel % columns);
+            let (frame, row) = (line / rows, line % rows);
+            match runs.last_mut() {
+                Some(run) if (run.frame, run.row, run.to) == (frame, row, column) => run.to += 1,
+                _ => runs.push(Run { frame, row, from: column, to: column + 1 }),
+            }
+        }
     }
 
-    /// The outputs for a picture, into the padded input of the next layer.
-    pub fn forward<T: Real>(&self, arena: &[T], pictures: &Pictures, picture: u32, next: &Conv, y: &mut [T]) {
-        let (w, b, c) = (self.weights.w(arena), self.weights.b(arena), self.weights.n_out);
-        let row = self.size[1] * c;
+    /// Where the outputs differ from those of the blank picture.
+    pub(super) fn spans(&self, runs: &[Run], spans: &mut Spans) {
+        let places = runs.iter().map(|run| (run.row, [run.from, run.to]));
+        spans.around(places, self.size[1], REACH);
+    }
+
+    /// Every output pixel that a run has a part in, and the sum of taps that reads the run.
+    #[inline(always)]
+    fn touched(&self, run: Run, mut with: impl FnMut(usize, [usize; 2])) {
+        let [rows, columns] = self.size;
+        for y in 0..SIDE {
+            // Output o reads pixel o + tap - 2.
+            let Some(row) = (run.row + REACH).checked_sub(y).filter(|&row| row < rows) else { continue };
+            for column in run.from.saturating_sub(REACH)..(run.to + REACH).min(columns) {
+                let first = (run.from + REACH).saturating_sub(column);
+                let last = (run.to - 1 + REACH - column).min(SIDE - 1);
+                with(self.at(y, run.frame, tap_run(first, last)), [row, column]);
+            }
+        }
+    }
+
+    /// The outputs for the blank picture, into the padded input of the next layer.
+    pub(super) fn blank<T: Real>(&self, arena: &[T], next: &Conv, y: &mut [T]) {
+        let (b, c) = (self.weights.b(arena), self.weights.n_out);
+        for r in 0..self.size[0] {
+            for y in y[next.input_at(r, 0)..][..self.size[1] * c].chunks_exact_mut(c) {
+                y.iter_mut().zip(b).for_each(|(y, b)| *y = b.larger(T::nil()));
+            }
+        }
+    }
+
+    /// The outputs of a picture's spans, into the padded input of the next layer. `sums` are the weights over runs of taps.
+    pub(super) fn forward<T: Real>(
+        &self,
+        (arena, sums): (&[T], &[T]),
+        (runs, spans): (&[Run], &Spans),
+        next: &Conv,
+        y: &mut [T],
+    ) {
+        let (b, c) = (self.weights.b(arena), self.weights.n_out);
         vectorize(
             #[inline(always)]
             || {
-                for r in 0..self.size[0] {
-                    for y in y[next.input_at(r, 0)..][..row].chunks_exact_mut(c) {
+                for (r, span) in spans.iter() {
+                    for y in y[next.input_at(r, span.start)..][..span.len() * c].chunks_exact_mut(c) {
                         y.copy_from_slice(b);
                     }
                 }
-                for pixel in pictures.lit(picture) {
-                    for (at, [r, column]) in self.touched(pixel) {
-                        for (y, &w) in y[next.input_at(r, column)..][..c].iter_mut().zip(&w[at..at + c]) {
-                            *y += w;
-                        }
-                    }
+                for &run in runs {
+                    self.touched(
+                        run,
+                        #[inline(always)]
+                        |at, [r, column]| add(&mut y[next.input_at(r, column)..][..c], &sums[at..at + c]),
+                    );
                 }
-                for r in 0..self.size[0] {
-                    for y in &mut y[next.input_at(r, 0)..][..row] {
+                for (r, span) in spans.iter() {
+                    for y in &mut y[next.input_at(r, span.start)..][..span.len() * c] {
                         *y = y.larger(T::nil());
                     }
                 }
@@ -74,40 +178,61 @@ impl Lit {
         );
     }
 
-    /// Adds the gradients of weights and biases for a picture. `y` is what [`Lit::forward`] put out, `d_y` the gradient
-    /// with respect to it without borders, masked here.
-    pub fn gradient<T: Real>(
+    /// Adds the gradients of sums over runs of taps, then of biases, for a picture's spans. `y` is what [`Lit::forward`]
+    /// put out; `d_y`, the gradient with respect to it without borders, is masked here and summed into `before` first.
+    #[allow(clippy::too_many_arguments, reason = "a way back names what went forth and where its gradients go")]
+    pub(super) fn gradient<T: Real>(
         &self,
-        (pictures, picture): (&Pictures, u32),
+        (runs, spans): (&[Run], &Spans),
         next: &Conv,
         y: &[T],
         d_y: &mut [T],
         gradient: &mut [T],
+        before: &mut [T],
     ) {
         let c = self.weights.n_out;
-        let (dw, db) = gradient.split_at_mut(self.weights.n_in * c);
+        let (d_sums, db) = gradient.split_at_mut(self.run_weights());
         let row = self.size[1] * c;
         vectorize(
             #[inline(always)]
             || {
-                for (r, d_y) in d_y.chunks_exact_mut(row).enumerate() {
-                    let y = &y[next.input_at(r, 0)..][..row];
+                for (r, span) in spans.iter() {
+                    let y = &y[next.input_at(r, span.start)..][..span.len() * c];
+                    let d_y = &mut d_y[r * row + span.start * c..][..span.len() * c];
                     for (d_y, y) in d_y.chunks_exact_mut(c).zip(y.chunks_exact(c)) {
-                        for ((d_y, &y), db) in d_y.iter_mut().zip(y).zip(&mut *db) {
+                        add(before, d_y);
+                        for (d_y, &y) in d_y.iter_mut().zip(y) {
                             *d_y = if y > T::nil() { *d_y } else { T::nil() };
-                            *db += *d_y;
                         }
+                        add(db, d_y);
                     }
                 }
-                for pixel in pictures.lit(picture) {
-                    for (at, [r, column]) in self.touched(pixel) {
-                        let d_y = &d_y[r * row + column * c..][..c];
-                        for (dw, &d_y) in dw[at..at + c].iter_mut().zip(d_y) {
-                            *dw += d_y;
-                        }
-                    }
+                for &run in runs {
+                    self.touched(
+                        run,
+                        #[inline(always)]
+                        |at, [r, column]| add(&mut d_sums[at..at + c], &d_y[r * row + column * c..][..c]),
+                    );
                 }
             },
         );
+    }
+
+    /// Adds the gradient of the biases for the blank picture. `d_y` is the sum of the gradients with respect to the
+    /// outputs of all pictures, without borders; `in_spans` what of it lay in their spans, and is used up.
+    pub(super) fn blank_gradient<T: Real>(&self, arena: &[T], d_y: &[T], in_spans: &mut [T], gradient: &mut [T]) {
+        let c = self.weights.n_out;
+        vectorize(
+            #[inline(always)]
+            || {
+                for d_y in d_y[..self.size[0] * self.size[1] * c].chunks_exact(c) {
+                    in_spans.iter_mut().zip(d_y).for_each(|(sum, &d_y)| *sum -= d_y);
+                }
+            },
+        );
+        let db = &mut gradient[self.run_weights()..];
+        for ((db, &b), &rest) in db.iter_mut().zip(self.weights.b(arena)).zip(&*in_spans) {
+            *db -= if b > T::nil() { rest } else { T::nil() };
+        }
     }
 }

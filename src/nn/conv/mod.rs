@@ -9,14 +9,19 @@
 
 mod kernels;
 mod lit;
+mod lit_stack;
+mod shares;
+mod spans;
 mod stack;
 #[cfg(test)]
 mod tests;
 
-pub use lit::Lit;
-pub use stack::{Rest, Shares, Stack, StackMut, StackPass};
+pub use lit_stack::{LitMut, LitPass, LitReady, LitStack};
+pub use shares::Shares;
+pub use stack::{Stack, StackMut, StackPass};
 
-use kernels::Grid;
+use kernels::{Grid, correlate};
+use spans::Spans;
 
 use super::{
     Real,
@@ -49,6 +54,7 @@ pub struct Conv {
     core: [usize; 2],
     /// True outputs for each output of the core.
     block: [usize; 2],
+    stride: usize,
     /// Zeros above and to the left of the input, and its size with all of them.
     before: [usize; 2],
     padded: [usize; 2],
@@ -58,8 +64,17 @@ pub struct Conv {
     /// Zeros above and to the left of the deltas, and their size with all of them.
     delta_before: [usize; 2],
     delta_padded: [usize; 2],
-    /// One grid for each phase of the stride, and which tap of the core each of its taps is.
-    backward: Vec<(Grid, Vec<usize>)>,
+    backward: Vec<Phase>,
+}
+
+/// One phase of the stride: the gradients with respect to some rows and columns of the input.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Phase {
+    /// The first of them.
+    first: [usize; 2],
+    grid: Grid,
+    /// Which tap of the core each tap of the grid is.
+    taps: Vec<usize>,
 }
 
 /// One direction of a core: taps, stride, zeros before, and how taps of the layer fall on those of the core.
@@ -168,13 +183,13 @@ impl Conv {
             if a >= input[0] || b >= input[1] {
                 continue;
             }
-            let (mut taps, mut cores) = (Vec::new(), Vec::new());
+            let (mut places, mut taps) = (Vec::new(), Vec::new());
             for (y, row) in rows.reaching(a) {
                 for (x, column) in columns.reaching(b) {
                     let row = (delta_before[0] as isize + row) as usize;
                     let column = (delta_before[1] as isize + column) as usize;
-                    taps.push((row * delta_padded[1] + column) * width_out);
-                    cores.push(y * columns.taps + x);
+                    places.push((row * delta_padded[1] + column) * width_out);
+                    taps.push(y * columns.taps + x);
                 }
             }
             let grid = Grid {
@@ -185,11 +200,11 @@ impl Conv {
                 out_row: rows.stride * input[1] * width_in,
                 out_column: columns.stride * width_in,
                 out_start: (a * input[1] + b) * width_in,
-                taps,
+                taps: places,
                 c_in: width_out,
                 c_out: width_in,
             };
-            backward.push((grid, cores));
+            backward.push(Phase { first: [a, b], grid, taps });
         }
         Self {
             weights,
@@ -198,6 +213,7 @@ impl Conv {
             input,
             core: [rows.outputs, columns.outputs],
             block: [rows.falls.len(), columns.falls.len()],
+            stride: rows.stride,
             before: [rows.before, columns.before],
             padded,
             forward,
@@ -248,8 +264,8 @@ impl Conv {
         for block in kernels.bias.chunks_exact_mut(c_out).take(self.block[0] * self.block[1]) {
             block.copy_from_slice(b);
         }
-        for ((grid, cores), packed) in self.backward.iter().zip(&mut kernels.backward) {
-            for (tap, &core) in cores.iter().enumerate() {
+        for (Phase { grid, taps, .. }, packed) in self.backward.iter().zip(&mut kernels.backward) {
+            for (tap, &core) in taps.iter().enumerate() {
                 for o in 0..grid.c_in {
                     for i in 0..grid.c_out {
                         packed[grid.at(tap, o, i)] = kernels.forward[self.forward.at(core, i, o)];
@@ -338,6 +354,44 @@ impl Conv {
         }
     }
 
+    /// Where a pixel lies in the padded input.
+    fn input_at(&self, row: usize, column: usize) -> usize {
+        ((row + self.before[0]) * self.padded[1] + column + self.before[1]) * self.forward.c_in
+    }
+
+    /// Where an output of the core lies.
+    fn output_at(&self, row: usize, column: usize) -> usize {
+        row * self.forward.out_row + column * self.forward.out_column
+    }
+
+    /// Where an output of the core lies in the padded deltas.
+    fn delta_at(&self, row: usize, column: usize) -> usize {
+        ((row + self.delta_before[0]) * self.delta_padded[1] + column + self.delta_before[1]) * self.forward.c_out
+    }
+
+    /// The padded deltas from the first output of the core on, and the length of a row.
+    fn deltas<'a, T>(&self, padded: &'a [T]) -> (&'a [T], usize) {
+        (&padded[self.delta_at(0, 0)..], self.delta_padded[1] * self.forward.c_out)
+    }
+
+    /// The gradient with respect to the layer's input, without borders, from padded deltas; within `spans`, where they are
+    /// given, for which `runs` is room.
+    fn d_input<T: Real>(
+        &self,
+        kernels: &Kernels<T>,
+        padded: &[T],
+        mut within: Option<(&Spans, &mut Vec<[usize; 2]>)>,
+        d_input: &mut [T],
+    ) {
+        for (Phase { first, grid, .. }, w) in self.backward.iter().zip(&kernels.backward) {
+            let runs = within.as_mut().map(|(spans, runs)| {
+                spans.phase(*first, self.stride, runs);
+                &runs[..]
+            });
+            correlate(grid, runs, w, &kernels.zeros, false, padded, d_input);
+        }
+    }
+
     /// Calls `copy` with every run of pixels that lie side by side both in the core's outputs and in the picture they
     /// make, `row` numbers to a row: where it begins in either, and its length in numbers.
     fn runs(&self, row: usize, mut copy: impl FnMut(usize, usize, usize)) {
@@ -357,6 +411,8 @@ pub struct Kernels<T> {
     forward: Vec<T>,
     bias: Vec<T>,
     backward: Vec<Vec<T>>,
+    /// What the way back starts from.
+    zeros: Vec<T>,
 }
 
 impl<T: Real> Kernels<T> {
@@ -364,7 +420,8 @@ impl<T: Real> Kernels<T> {
         Self {
             forward: vec![T::nil(); conv.forward.weights()],
             bias: vec![T::nil(); conv.forward.c_out],
-            backward: conv.backward.iter().map(|(grid, _)| vec![T::nil(); grid.weights()]).collect(),
+            zeros: vec![T::nil(); conv.forward.c_in],
+            backward: conv.backward.iter().map(|phase| vec![T::nil(); phase.grid.weights()]).collect(),
         }
     }
 }

@@ -4,7 +4,7 @@ use rand::SeedableRng as _;
 
 use super::*;
 use crate::{
-    nn::{noise, tests::on_every_instruction_set},
+    nn::{noise, pictures::Pictures, tests::on_every_instruction_set},
     rng::Rng,
 };
 
@@ -59,8 +59,8 @@ fn run<T: Real>(case: &Case<T>, threads: usize) -> [Vec<T>; 3] {
     let mut d_x = vec![T::nil(); case.x.len()];
     stack.backward(&kernels, &mut pass, Some(|i: usize, d: &[T]| conv.take(d, &mut d_x, i)));
     let mut gradient = vec![T::nil(); case.layout.len];
-    let mut shares = stack.shares(0);
-    stack.gradient(threads, &kernels, &mut pass, &mut shares, &mut gradient, &fill, None);
+    let mut shares = stack.shares();
+    stack.gradient(threads, &mut pass, &mut shares, &mut gradient, &fill);
     [y, d_x, gradient]
 }
 
@@ -150,5 +150,110 @@ fn neither_instruction_sets_nor_threads_change_a_bit() {
         for threads in 2..=4 {
             assert!(pool.install(|| run(&case, threads)) == one, "{name} on {threads} threads");
         }
+    }
+}
+
+/// The encoder's kind of stack on small observations of two frames.
+fn lit_stack() -> (LitStack<2>, Layout) {
+    let mut layout = Layout::default();
+    let stack = LitStack::new(&mut layout, "lit", (2, [12, 14]), 32, |layout| {
+        [
+            Conv::new(layout, "lit.1", [12, 14], [32, 32], Resize::Down(2), true),
+            Conv::new(layout, "lit.2", [6, 7], [32, 10], Resize::Down(2), true),
+        ]
+    });
+    (stack, layout)
+}
+
+/// Nothing, corners, a bar over both frames, everything, and noise; each compared with a background that has lit pixels.
+fn pictures() -> Vec<u8> {
+    let (frame, mut rng) = (12 * 14, Rng::seed_from_u64(6));
+    let mut all = vec![vec![0; 2 * frame]; PICTURES];
+    all[1][0] = 1;
+    all[2][2 * frame - 1] = 1;
+    all[3][5 * 14..5 * 14 + 9].fill(1);
+    all[3][frame + 6 * 14..frame + 6 * 14 + 9].fill(1);
+    all[4].fill(1);
+    for picture in &mut all[5..] {
+        picture.iter_mut().for_each(|p| *p = u8::from(noise::uniform(&mut rng, 0.0, 1.0) < 0.03));
+    }
+    all.concat()
+}
+
+/// What comes out, pixel by pixel, and the gradient of its inner product with `d_flat`.
+fn see<T: Real>(arena: &[T], d_flat: &[T], threads: usize) -> [Vec<T>; 2] {
+    let (stack, layout) = lit_stack();
+    let frames = pictures();
+    let mut seen = Pictures::new(&frames[3 * 2 * 12 * 14..][..2 * 12 * 14]);
+    seen.extend(&frames);
+    let which: Vec<u32> = (0..PICTURES as u32).collect();
+    let (mut ready, mut shares) = (stack.ready(), stack.shares());
+    stack.prepare(arena, &mut ready);
+    let mut pass = LitPass::new(&stack, PICTURES, 1);
+    let mut flat = vec![T::nil(); PICTURES * 3 * 4 * 10];
+    stack.forward(arena, &ready, (&seen, &which), &mut pass.view(PICTURES), &mut flat);
+    let mut d = d_flat.to_vec();
+    crate::nn::mlp::mask(&mut d, &flat);
+    let mut gradient = vec![T::nil(); layout.len];
+    stack.gradient(threads, (arena, &ready), &mut gradient, (&seen, &which), &mut pass, &d, &mut shares);
+    [flat, gradient]
+}
+
+/// Random parameters of [`lit_stack`], and a gradient with respect to what comes out.
+fn parameters<T: Real>() -> [Vec<T>; 2] {
+    let mut rng = Rng::seed_from_u64(7);
+    let (_, layout) = lit_stack();
+    let mut random = |len: usize| (0..len).map(|_| T::of(noise::uniform(&mut rng, -0.3, 0.3).into())).collect();
+    [random(layout.len), random(PICTURES * 3 * 4 * 10)]
+}
+
+#[test]
+fn spans_of_lit_pixels_leave_nothing_out() {
+    let [arena, d_flat] = parameters::<f64>();
+    let [flat, _] = see(&arena, &d_flat, 1);
+    let (mut x, mut at) = (Vec::new(), 0);
+    for frames in pictures().chunks_exact(2 * 12 * 14) {
+        x.extend((0..12 * 14).flat_map(|pixel| [frames[pixel], frames[12 * 14 + pixel]]).map(f64::from));
+    }
+    for (size, channels, stride) in [([12, 14], [2, 32], 1), ([12, 14], [32, 32], 2), ([6, 7], [32, 10], 2)] {
+        let mut case = case::<f64>(size, channels, Resize::Down(stride));
+        let len = case.arena.len();
+        (case.arena, case.x) = (arena[at..at + len].to_vec(), x);
+        x = plainly(&case, size, channels, Resize::Down(stride)).into_iter().map(|y| y.max(0.0)).collect();
+        at += len;
+    }
+    assert_eq!(flat.len(), x.len());
+    assert!(flat.iter().zip(&x).all(|(a, b)| (a - b).abs() < 1e-12));
+}
+
+#[test]
+fn gradients_through_spans_are_those_of_finite_differences() {
+    let [arena, d_flat] = parameters::<f64>();
+    let [_, gradient] = see(&arena, &d_flat, 1);
+    let (_, layout) = lit_stack();
+    // Each layer's weights and biases on their own, so that none hides behind another.
+    let parts = [(0, 1600), (1600, 1632), (1632, 27_232), (27_232, 27_264), (27_264, 35_264), (35_264, layout.len)];
+    for (from, to) in parts {
+        let mut rng = Rng::seed_from_u64(8);
+        let direction: Vec<f64> = (0..to - from).map(|_| noise::uniform(&mut rng, -1.0, 1.0).into()).collect();
+        let at = |step: f64| {
+            let mut arena = arena.clone();
+            arena[from..to].iter_mut().zip(&direction).for_each(|(p, d)| *p += step * d);
+            inner(&see(&arena, &d_flat, 1)[0], &d_flat)
+        };
+        let numeric = (at(1e-7) - at(-1e-7)) / 2e-7;
+        let analytic = inner(&gradient[from..to], &direction);
+        assert!((numeric - analytic).abs() < 1e-5 * analytic.abs().max(1.0), "{from}..{to}: {numeric} {analytic}");
+    }
+}
+
+#[test]
+fn neither_instruction_sets_nor_threads_change_a_bit_through_spans() {
+    let [arena, d_flat] = parameters::<f32>();
+    on_every_instruction_set(|| see(&arena, &d_flat, 1));
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().expect("threads");
+    let one = see(&arena, &d_flat, 1);
+    for threads in 2..=4 {
+        assert!(pool.install(|| see(&arena, &d_flat, threads)) == one, "{threads} threads");
     }
 }
