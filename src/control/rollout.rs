@@ -5,7 +5,12 @@ use super::{
     agent::Agent,
     ilqr::{Ilqr, LatentDynamics, Planner},
 };
-use crate::{env::Environment, lce::LceModel, nn::noise, rng::Rng};
+use crate::{
+    env::Environment,
+    lce::{LceModel, Observer},
+    nn::noise,
+    rng::Rng,
+};
 
 /// What to do when an action changed nothing in the picture: the mean action would repeat for ever.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
@@ -83,9 +88,10 @@ pub fn run(
     (acting, unstick): (Acting, Unstick),
     rng: &mut Rng,
 ) -> Vec<Step> {
-    let z_goal = code(model, &env.picture(&episode.goal));
+    let mut observer = Observer::new(model, 1);
+    let z_goal = observer.mean(&env.picture(&episode.goal));
     walk(env, &episode.start, steps, rng, |seen, rng| {
-        let z = code(model, seen.picture);
+        let z = observer.mean(seen.picture);
         let mut epsilon = vec![0.0; agent.action];
         noise::fill_normal(rng, &mut epsilon);
         let mut action = agent.act(&z, &z_goal, (acting == Acting::Sample).then_some(&epsilon));
@@ -103,7 +109,8 @@ pub fn run_ilqr(
     unstick: Unstick,
     (rng, plans): (&mut Rng, Rng),
 ) -> Vec<Step> {
-    let code = |picture: &[u8]| code(model, picture).into_iter().map(f64::from).collect::<Vec<_>>();
+    let mut observer = Observer::new(model, 1);
+    let mut code = |picture: &[u8]| observer.mean(picture).into_iter().map(f64::from).collect::<Vec<_>>();
     let mut planner = Planner::new(ilqr, LatentDynamics::of(model), code(&env.picture(&episode.goal)), plans);
     let mut left = steps;
     walk(env, &episode.start, steps, rng, |seen, rng| {
@@ -131,11 +138,6 @@ impl Unstick {
             action.fill_with(|| noise::uniform(rng, -1.0, 1.0));
         }
     }
-}
-
-/// The mean of E(·|x) for one picture.
-fn code(model: &LceModel, picture: &[u8]) -> Vec<f32> {
-    model.encode_means(&model.pictures(picture))
 }
 
 /// What there is to act on.

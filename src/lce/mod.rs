@@ -8,8 +8,10 @@ mod drift;
 mod encoder;
 pub mod model;
 pub mod objective;
+mod observer;
 pub mod trainer;
 pub mod warm_up;
 
 pub use drift::Drift;
 pub use model::{LceModel, Sizes};
+pub use observer::Observer;

@@ -4,11 +4,11 @@ use super::{
     backward::Backward,
     decoder::{Decoder, DecoderPass},
     drift::{Drift, Quadratic},
-    encoder::{Encoder, EncoderPass},
+    encoder::Encoder,
 };
 use crate::{
     nn::{
-        Real, heads,
+        Real,
         mlp::{Layout, Mlp, Pass},
         pictures::Pictures,
     },
@@ -128,7 +128,7 @@ impl Nets {
 }
 
 /// Pictures that are encoded or decoded together.
-const AT_ONCE: usize = 128;
+pub(super) const AT_ONCE: usize = 128;
 
 /// An LCE model: sizes, parameters, and the background that its pictures are compared with.
 #[derive(Debug, Clone, PartialEq)]
@@ -165,28 +165,6 @@ impl<T: Real> LceModel<T> {
         let mut pictures = Pictures::new(&self.background);
         pictures.extend(frames);
         pictures
-    }
-
-    /// E(·|x) for every picture: means, then log standard deviations, one column each.
-    pub fn encode(&self, pictures: &Pictures) -> Vec<T> {
-        let mut codes = Vec::with_capacity(2 * self.sizes.latent * pictures.len());
-        let encoder = &self.nets.encoder;
-        let mut ready = encoder.ready();
-        encoder.prepare(&self.arena, pictures, &mut ready);
-        let mut pass = EncoderPass::new(encoder, pictures.len().min(AT_ONCE), 1);
-        let all: Vec<u32> = (0..pictures.len() as u32).collect();
-        for which in all.chunks(AT_ONCE) {
-            let mut pass = pass.view(which.len());
-            encoder.forward(&self.arena, &ready, (pictures, which), &mut pass);
-            codes.extend_from_slice(pass.codes().0);
-        }
-        codes
-    }
-
-    /// Means of E(·|x) for every picture, one column each.
-    pub fn encode_means(&self, pictures: &Pictures) -> Vec<T> {
-        let codes = self.encode(pictures);
-        codes.chunks_exact(2 * self.sizes.latent).flat_map(|code| heads::halves(code).0).copied().collect()
     }
 
     /// F(·|z, u) for columns \[z; u\]: the output's means are relative to z and become absolute here.
