@@ -15,6 +15,8 @@ const PINNED: &[(&str, &str, u32, &str)] = &[
     ("agent", "train_sac", 1, "e07b5d8bdf457106"),
     ("collected", "collect", 1, "9f1103bca6c57d85"),
     ("next_model", "train_lce", 1, "10d55ab89ef00595"),
+    ("guided_model", "train_lce", 1, "fbb7d66ccd2309bc"),
+    ("amortized_model", "train_lce", 1, "58f0c982bc614b11"),
     ("distilled", "distill_policy", 1, "9c2dd8093a7145fc"),
     ("next_agent", "train_sac", 1, "0475572a0c9ea4c8"),
     ("evaluation", "evaluate", 1, "f6ce16218a838441"),
