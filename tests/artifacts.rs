@@ -42,6 +42,7 @@ fn transitions() -> Transitions {
 
 fn model() -> TrainedModel {
     let sizes = Sizes {
+        slopes: true,
         drift: Drift::None,
         convolution: None,
         pixels: 6,

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use carl_pipe::{
     control::rollout::{self, Episode},
-    env::{Environment, Task},
+    env::{Environment, Start, Task},
     rng::Rng,
 };
 use proptest::prelude::*;
@@ -123,6 +123,32 @@ fn the_region_that_biased_sampling_prefers_holds_no_goal() {
     }
 }
 
+/// The appendix: which angles the two parts of the biased samples have, and their shares.
+#[test]
+fn biased_samples_are_those_of_the_paper() {
+    type Angles = fn(&[f64]) -> bool;
+    let rows: [(&str, f64, Angles, Angles); 4] = [
+        ("planar", 0.5, |s| s.iter().all(|x| (1.5..=31.5).contains(x)), |s| s.iter().any(|x| *x > 31.5)),
+        ("swing_up", 0.95, |s| (2.0..=PI).contains(&s[0].abs()), |s| s[0].abs() <= 0.5),
+        ("cart_pole", 0.8, |s| (PI / 10.0..=PI / 6.0).contains(&s[0].abs()), |s| s[0].abs() < PI / 10.0),
+        (
+            "three_pole",
+            0.2,
+            |s| s[0].abs() <= PI / 2.0 && s[2].abs() <= PI / 3.0 && s[4].abs() <= PI / 6.0,
+            |s| s[0].abs() > PI / 2.0,
+        ),
+    ];
+    let mut rng = Rng::seed_from_u64(0);
+    for (name, share, preferred, else_where) in rows {
+        let env = open(&json!({ "env": name }));
+        assert_eq!(env.biased_share(), share, "{name}");
+        let mut sample =
+            |is_preferred: bool| (0..400).map(|_| env.sample_biased(is_preferred, &mut rng)).collect::<Vec<_>>();
+        assert!(sample(true).iter().all(|state| preferred(state)), "{name}");
+        assert!(sample(false).iter().filter(|state| else_where(state)).count() > 60, "{name}");
+    }
+}
+
 #[test]
 fn a_map_shows_every_place_once() {
     for (task, ranges) in all() {
@@ -162,7 +188,7 @@ fn oracle_percent(task: &Value, episodes: usize) -> f64 {
     let (env, mut rng) = (open(task), Rng::seed_from_u64(7));
     let steps = env.horizon() + 1;
     let mut hits = 0;
-    for episode in rollout::draw_episodes(&*env, episodes, &mut rng) {
+    for episode in rollout::draw_episodes(&*env, Start::Usual, episodes, &mut rng) {
         let path = rollout::run_oracle(&*env, &episode, steps, &mut rng);
         hits += path.iter().filter(|step| env.at_goal(&step.next, &episode.goal, env.goal_radius())).count();
     }
@@ -193,7 +219,7 @@ fn the_oracle_of_the_cart_pole_loses_nothing_from_within_the_goal() {
     for step in [0.02, 0.05] {
         let env = open(&json!({ "env": "cart_pole", "step": step }));
         for theta in [-PI / 10.0, 0.2, PI / 10.0] {
-            let episode = Episode { start: vec![theta, 0.0, 0.0, 0.0], goal: env.goals()[0].clone() };
+            let episode = Episode::at_rest(vec![theta, 0.0, 0.0, 0.0], env.goals()[0].clone());
             let path = rollout::run_oracle(&*env, &episode, 201, &mut rng);
             assert!(path.iter().all(|step| env.at_goal(&step.next, &episode.goal, PI / 10.0)), "from {theta}");
             assert!(path.iter().all(|step| step.next[2].abs() < 2.4), "the cart stays in the picture");

@@ -41,9 +41,10 @@ impl Golden {
         self.shape(&format!("param.{layer}.weight"))[0]
     }
 
-    fn sizes(&self) -> Sizes {
+    fn sizes(&self, slopes: bool) -> Sizes {
         let out = |layer: &str| self.outputs(layer);
         Sizes {
+            slopes,
             drift: Drift::None,
             convolution: None,
             pixels: self.shape("x")[1],
@@ -93,6 +94,7 @@ fn theirs(ours: &str) -> Vec<String> {
         (_, "1") => &["net_hidden.2"],
         ("decoder", "2") => &["net_logits"],
         (_, "2") => &["net_mean", "net_logstd"],
+        (_, "slopes") => &["net_A", "net_B"],
         (_, "joint") => &["net_joint_hidden.0"],
         (_, "head") => &["net_joint_mean", "net_joint_logstd"],
         (_, "z") => &["net_z"],
@@ -115,10 +117,10 @@ struct Case<T> {
 }
 
 impl<T: Real> Case<T> {
-    fn new(golden: &Golden) -> Self {
+    fn new(golden: &Golden, slopes: bool) -> Self {
         let real = |values: &[f64]| values.iter().map(|&v| T::of(v)).collect::<Vec<T>>();
         let bytes = |values: &[f64]| values.iter().map(|&v| v as u8).collect::<Vec<u8>>();
-        let sizes = golden.sizes();
+        let sizes = golden.sizes(slopes);
         let samples = golden.shape("x")[0];
         let (n, a) = (sizes.latent, sizes.action);
         let mut frames = Vec::new();
@@ -199,15 +201,25 @@ fn objectives() -> Vec<(&'static str, Weights, bool)> {
 
 fn check<T: Real>(file: &str, value_tolerance: f64, gradient_tolerance: f64) {
     let golden = Golden::open(file);
-    let case = Case::<T>::new(&golden);
-    // In the amortised file the totals take the curvature from heads of their own.
+    for slopes in [false, true] {
+        if !slopes || golden.0.contains_key("param.dynamics.net_A.weight") {
+            check_with::<T>(&golden, slopes, file, value_tolerance, gradient_tolerance);
+        }
+    }
+}
+
+/// Without and with heads for the slopes of F.
+fn check_with<T: Real>(golden: &Golden, slopes: bool, file: &str, value_tolerance: f64, gradient_tolerance: f64) {
+    let case = Case::<T>::new(golden, slopes);
+    // In the amortised file the totals take the curvature from heads for the slopes.
     let amortized = golden.0.contains_key("param.dynamics.net_A.weight");
     for (prefix, weights, guided) in objectives() {
-        if amortized && weights.curvature != 0.0 && prefix.starts_with("grad.") {
+        if amortized && !slopes && weights.curvature != 0.0 && prefix.starts_with("grad.") {
             continue;
         }
+        let prefix = if slopes { prefix.replace("cur_jvp_ze", "cur_ampaper_ze") } else { prefix.to_owned() };
         let (terms, gradient, _) = case.run(&weights, guided);
-        let want = golden.arena(&case.model.nets, prefix);
+        let want = golden.arena(&case.model.nets, &prefix);
         let largest = want.iter().fold(0.0_f64, |m, w| m.max(w.abs()));
         for (i, (got, want)) in gradient.iter().zip(&want).enumerate() {
             let error = (got - want).abs() / largest;
@@ -220,7 +232,8 @@ fn check<T: Real>(file: &str, value_tolerance: f64, gradient_tolerance: f64) {
         }
     }
     let (_, _, samples) = case.run(&objectives()[0].1, false);
-    let names = ["recon_next", "kl_back", "ent_next", "logp_next", "cur_jvp_ze", "recon_ze", "kl_prior", "determ"];
+    let curvature = if slopes { "cur_ampaper_ze" } else { "cur_jvp_ze" };
+    let names = ["recon_next", "kl_back", "ent_next", "logp_next", curvature, "recon_ze", "kl_prior", "determ"];
     for (term, name) in names.into_iter().enumerate() {
         let want = golden.get(&format!("term.{name}"));
         let largest = want.iter().fold(0.0_f64, |m, w| m.max(w.abs()));

@@ -238,6 +238,7 @@ const SAMPLES: usize = 5;
 
 fn case(latent: usize, action: usize) -> Case {
     case_of(Sizes {
+        slopes: false,
         drift: Drift::None,
         pixels: 23,
         latent,
@@ -253,6 +254,7 @@ fn case(latent: usize, action: usize) -> Case {
 /// Two frames of 16 rows and 24 columns: 2x3 pixels where the picture is smallest, of 2 and of 3 channels.
 fn convolutional_case() -> Case {
     case_of(Sizes {
+        slopes: false,
         drift: Drift::None,
         pixels: 2 * 16 * 24,
         latent: 3,
@@ -263,6 +265,12 @@ fn convolutional_case() -> Case {
         dynamics: [6, 5],
         backward: [3, 4, 5, 6],
     })
+}
+
+/// With heads for F's slopes.
+fn amortized_case() -> Case {
+    let Case { model, .. } = case(2, 1);
+    case_of(Sizes { slopes: true, ..model.sizes })
 }
 
 /// Three coordinates that move by themselves as well.
@@ -318,7 +326,7 @@ fn some_of(layers: &[(String, Linear)], each: usize) -> Vec<(String, Vec<usize>)
 #[test]
 fn the_gradient_of_the_whole_warm_up_equals_finite_differences() {
     let settings = WarmUp { sigma: 0.4, scale: 0.8, anchor: 3.0, outlier: 1.5, shrink: 0.05 };
-    for case in [case(2, 2), case(3, 1), drifting_case(), convolutional_case()] {
+    for case in [case(2, 2), case(3, 1), amortized_case(), drifting_case(), convolutional_case()] {
         let latent = case.model.sizes.latent;
         let run = |arena: &[f64]| {
             let model = LceModel { arena: arena.to_vec(), ..case.model.clone() };
@@ -349,7 +357,8 @@ fn the_gradient_of_the_whole_warm_up_equals_finite_differences() {
         }
         for (name, layer) in &case.model.nets.layout.layers {
             let is_idle = gradient[layer.at..layer.at + layer.len()].iter().all(|&g| g == 0.0);
-            assert_eq!(is_idle, name.starts_with("backward."), "{name}");
+            // The warm-up looks neither back nor at slopes.
+            assert_eq!(is_idle, name.starts_with("backward.") || name == "dynamics.slopes", "{name}");
         }
     }
 }
@@ -406,7 +415,7 @@ fn every_weight() -> Weights {
 
 #[test]
 fn the_gradient_of_the_whole_objective_equals_finite_differences() {
-    for case in [case(2, 2), case(3, 1), drifting_case(), convolutional_case()] {
+    for case in [case(2, 2), case(3, 1), amortized_case(), drifting_case(), convolutional_case()] {
         for guided in [false, true] {
             let run = |arena: &[f64]| objective(&case, arena, &every_weight(), guided);
             let (total, terms, gradient) = run(&case.model.arena);
@@ -462,15 +471,16 @@ fn the_anchor_with_a_drift_equals_finite_differences() {
 /// and moving their weights does not move the points.
 #[test]
 fn the_curvatures_gradient_equals_finite_differences_and_reaches_the_dynamics_alone() {
-    let case = case(2, 2);
-    let weights = Weights { curvature: 1.0, ..Weights::default() };
-    let gradient = objective(&case, &case.model.arena, &weights, false).2;
-    assert!(gradient.iter().any(|&g| g != 0.0));
-    for (layer, which) in some_of(&case.model.nets.layout.layers, 30) {
-        if layer.starts_with("dynamics.") {
-            check(&layer, &case.model.arena, &gradient, &which, |arena| objective(&case, arena, &weights, false).0);
-        } else {
-            assert!(which.iter().all(|&i| gradient[i] == 0.0), "{layer}");
+    for case in [case(2, 2), amortized_case()] {
+        let weights = Weights { curvature: 1.0, ..Weights::default() };
+        let gradient = objective(&case, &case.model.arena, &weights, false).2;
+        assert!(gradient.iter().any(|&g| g != 0.0));
+        for (layer, which) in some_of(&case.model.nets.layout.layers, 30) {
+            if layer.starts_with("dynamics.") {
+                check(&layer, &case.model.arena, &gradient, &which, |arena| objective(&case, arena, &weights, false).0);
+            } else {
+                assert!(which.iter().all(|&i| gradient[i] == 0.0), "{layer}");
+            }
         }
     }
 }

@@ -3,7 +3,7 @@
 mod tiny;
 
 use carl_pipe::{
-    artifact::{Artifact as _, Evaluation, Files, TrainedModel, Transitions},
+    artifact::{Artifact as _, Collected, Evaluation, Files, TrainedModel, Transitions},
     env::Task,
     stage::{self, Preset, PresetOf},
 };
@@ -76,11 +76,7 @@ fn biased_sampling_shows_another_part_of_the_world() {
 
 #[test]
 fn a_pendulum_is_learned_collected_and_measured() {
-    let bootstrap = run("swing_up", "generate_data", json!({ "samples": 16 }), &[]);
-    let few = json!({ "epochs": 2, "warm_up_epochs": 1, "anchor_epochs": 0, "ramp_epochs": 1 });
-    let model = run("swing_up", "train_lce", few, &[("transitions", &[&bootstrap])]);
-    let learn: &tiny::Inputs<'_> = &[("transitions", &[&bootstrap]), ("model", &[&model])];
-    let agent = run("swing_up", "train_sac", json!({ "steps": 2 }), learn);
+    let [model, agent] = learned("swing_up");
     let learned: &tiny::Inputs<'_> = &[("model", &[&model]), ("agent", &[&agent])];
     let collected =
         Transitions::load(&run("swing_up", "collect", json!({ "samples": 9 }), learned)).expect("transitions");
@@ -91,6 +87,60 @@ fn a_pendulum_is_learned_collected_and_measured() {
         Evaluation::load(&run("swing_up", "evaluate", json!({ "episodes": 1 }), learned)).expect("results");
     assert_eq!((evaluation.horizon, evaluation.episodes[0].path.len()), (400, 402));
     run("swing_up", "export_latent_map", json!({}), &[("model", &[&model])]);
+}
+
+/// A model and an agent, trained for a moment.
+fn learned(env: &str) -> [Files; 2] {
+    let bootstrap = run(env, "generate_data", json!({ "samples": 16 }), &[]);
+    let few = json!({ "epochs": 2, "warm_up_epochs": 1, "anchor_epochs": 0, "ramp_epochs": 1 });
+    let model = run(env, "train_lce", few, &[("transitions", &[&bootstrap])]);
+    let learn: &tiny::Inputs<'_> = &[("transitions", &[&bootstrap]), ("model", &[&model])];
+    let agent = run(env, "train_sac", json!({ "steps": 2 }), learn);
+    [model, agent]
+}
+
+#[test]
+fn a_collection_goes_on_where_the_one_before_stopped() {
+    for (env, horizon) in [("swing_up", 400), ("planar", 40)] {
+        let [model, agent] = learned(env);
+        let collect = |given: Value, last: &[&Files]| {
+            run(env, "collect", given, &[("model", &[&model]), ("agent", &[&agent]), ("last", last)])
+        };
+        let first = collect(json!({ "samples": 30, "continue": true }), &[]);
+        let second = collect(json!({ "samples": 30, "continue": true }), &[&first]);
+        let [one, two] = [&first, &second].map(|files| Collected::load(files).expect("a collection"));
+        let pixels = one.transitions.pixels();
+        let end = &one.transitions.next_observations[29 * pixels..];
+        assert!(end == &two.transitions.observations[..pixels], "{env}: both frames go on");
+        assert_eq!(one.transitions.goal_index[29], two.transitions.goal_index[0]);
+        let steps = [one, two].map(|collected| collected.standing.expect("an episode that is left").steps);
+        assert_eq!(steps, [30, if horizon > 60 { 60 } else { 60 - horizon }], "{env}");
+        // A full episode leaves nothing to go on with, and without the option nothing is kept or used.
+        let full = collect(json!({ "samples": horizon, "continue": true }), &[]);
+        assert_eq!(Collected::load(&full).expect("a collection").standing, None);
+        let fresh = collect(json!({ "samples": 30 }), &[]);
+        assert_eq!((fresh.len(), &fresh), (1, &collect(json!({ "samples": 30 }), &[&first])));
+    }
+}
+
+#[test]
+fn an_episode_may_start_as_another_protocol_says() {
+    let measure = |env: &str, start: &str| {
+        let given = json!({ "controller": "oracle", "episodes": 10, "start": start });
+        let files = run(env, "evaluate", given, &[]);
+        let told: Value = serde_json::from_slice(&files["evaluation.json"]).expect("JSON");
+        assert_eq!(told.get("start").and_then(Value::as_str), (start != "usual").then_some(start));
+        Evaluation::load(&files).expect("results")
+    };
+    let starts = |evaluation: &Evaluation| evaluation.episodes.iter().map(|e| e.path[0][0]).collect::<Vec<_>>();
+    let narrow = measure("cart_pole", "narrow");
+    assert!(starts(&narrow).iter().all(|angle| angle.abs() <= std::f64::consts::PI / 10.0));
+    assert!(starts(&measure("cart_pole", "usual")).iter().any(|angle| angle.abs() > std::f64::consts::PI / 10.0));
+    assert_eq!((narrow.percent_goal, narrow.share_of_ceiling), (100.0, Some(100.0)));
+    let hanging = measure("swing_up", "paper");
+    assert_eq!(starts(&hanging), [std::f64::consts::PI; 10]);
+    assert!((hanging.share_of_ceiling.expect("a ceiling") - 100.0).abs() < 0.5, "{:?}", hanging.percent_goal);
+    assert_eq!(measure("planar", "paper").episodes, measure("planar", "usual").episodes);
 }
 
 #[test]

@@ -3,13 +3,13 @@
 mod tiny;
 
 use carl_pipe::{
-    artifact::{Artifact as _, Files, TrainedModel, Transitions},
+    artifact::{Artifact as _, Collected, Files, TrainedModel, Transitions},
     control::{
         Agent,
         rollout::{self, Acting, Episode, Unstick},
         sac::Codes,
     },
-    env::{Environment, Oracle, Planar, SwingUp},
+    env::{Environment, Oracle, Planar, Start, SwingUp},
     lce::trainer::Data,
     record::{At, Recorder},
     rng::Rng,
@@ -68,6 +68,9 @@ impl<E: Environment> Environment for Veiled<E> {
     fn sample_start(&self, rng: &mut Rng) -> Vec<f64> {
         veil(&self.0.sample_start(rng))
     }
+    fn sample_start_as(&self, start: Start, rng: &mut Rng) -> Vec<f64> {
+        veil(&self.0.sample_start_as(start, rng))
+    }
     fn goals(&self) -> Vec<Vec<f64>> {
         self.0.goals().iter().map(|goal| veil(goal)).collect()
     }
@@ -98,6 +101,9 @@ impl<E: Environment> Environment for Veiled<E> {
     }
     fn ceiling(&self) -> Option<f64> {
         self.0.ceiling()
+    }
+    fn ceiling_as(&self, start: Start) -> Option<f64> {
+        self.0.ceiling_as(start)
     }
     fn paper_online(&self) -> Option<f64> {
         self.0.paper_online()
@@ -156,7 +162,7 @@ fn states_that_look_the_same_are_acted_on_the_same() {
     let agent = Agent::load(&agent).expect("an agent");
     let play = |env: &dyn Environment| {
         let mut rng = Rng::seed_from_u64(2);
-        let episode = Episode { start: env.sample_start(&mut rng), goal: env.goals()[0].clone() };
+        let episode = Episode::at_rest(env.sample_start(&mut rng), env.goals()[0].clone());
         rollout::run(env, (&model, &agent), &episode, 15, (Acting::Sample, Unstick::Random), &mut rng)
     };
     for (seen, veiled) in play(&PLANAR).iter().zip(&play(&Veiled(PLANAR))) {
@@ -226,6 +232,26 @@ fn stages_that_meet_the_world_hand_on_transitions_of_the_documented_form() {
                 parts.iter().chain(&whitening).any(|part| name == *part || name.ends_with(&format!(".{part}")));
             assert!(is_known, "`{name}` is not documented");
         }
+    }
+}
+
+/// Where an episode stands holds true states. It lies in a file of its own, and what learns does not notice what is in it.
+#[test]
+fn training_does_not_notice_where_the_last_episode_stands() {
+    let chain = tiny::Chain::run();
+    let learned: &tiny::Inputs<'_> =
+        &[("model", &[&chain.model]), ("agent", &[&chain.agent]), ("last", &[&chain.collected])];
+    let collected = tiny::run("collect", json!({ "samples": 30, "continue": true }), learned);
+    assert_eq!(collected.keys().collect::<Vec<_>>(), ["standing.json", "transitions.safetensors"]);
+    let mut lies = collected.clone();
+    let standing = json!({ "before": [9, 9], "state": [9, 9], "goal": 0, "steps": 1 });
+    lies.insert("standing.json".to_owned(), serde_json::to_vec(&standing).expect("JSON"));
+    assert_ne!(Collected::load(&lies).expect("files"), Collected::load(&collected).expect("files"));
+    assert_eq!(Transitions::load(&lies).expect("files"), Transitions::load(&collected).expect("files"));
+    assert_eq!(train(&lies), train(&collected));
+    // Only a collection asks for it.
+    for kind in stage::registry() {
+        assert_eq!(kind.ports.iter().any(|port| port.name == "last"), kind.name == "collect", "{}", kind.name);
     }
 }
 

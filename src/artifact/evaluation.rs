@@ -3,7 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Artifact, Files, json, tensors::file};
-use crate::control::rollout::{Controller, Unstick};
+use crate::{
+    control::rollout::{Controller, Unstick},
+    env::Start,
+};
 
 /// One episode.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -24,6 +27,9 @@ pub struct Evaluation {
     /// Who acted; left out where it was an agent.
     #[serde(default, skip_serializing_if = "is_agent")]
     pub controller: Controller,
+    /// Where episodes started; left out where it was as usual.
+    #[serde(default, skip_serializing_if = "is_usual")]
+    pub start: Start,
     /// Mean share of T+1 states at the goal, in per cent, as deployed.
     pub percent_goal: f64,
     /// The same by the policy alone, without any rule outside of it.
@@ -40,6 +46,10 @@ pub struct Evaluation {
     pub horizon: usize,
     /// Every episode.
     pub episodes: Vec<EpisodeResult>,
+}
+
+fn is_usual(start: &Start) -> bool {
+    *start == Start::Usual
 }
 
 fn is_agent(controller: &Controller) -> bool {

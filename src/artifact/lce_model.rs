@@ -89,7 +89,8 @@ impl Artifact for TrainedModel {
 
     fn load(files: &Files) -> anyhow::Result<Self> {
         let About { sizes, adam_steps } = serde_json::from_slice(file(files, "model.json")?)?;
-        let Sizes { pixels, latent, action, convolution, encoder, decoder, dynamics, backward, drift: _ } = &sizes;
+        let Sizes { pixels, latent, action, convolution, encoder, decoder, dynamics, backward, slopes: _, drift: _ } =
+            &sizes;
         check_widths(
             [pixels, latent, action].into_iter().chain(encoder).chain(decoder).chain(dynamics).chain(backward),
         )?;

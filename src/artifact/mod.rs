@@ -1,6 +1,7 @@
 //! The typed values that stages hand to each other, and how they lie on disk.
 
 mod agent;
+mod collected;
 mod evaluation;
 mod ilqr;
 mod latent_map;
@@ -10,6 +11,7 @@ mod transitions;
 
 use std::collections::BTreeMap;
 
+pub use collected::Collected;
 pub use evaluation::{EpisodeResult, Evaluation};
 pub use latent_map::LatentMap;
 pub use lce_model::TrainedModel;

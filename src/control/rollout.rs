@@ -6,7 +6,7 @@ use super::{
     ilqr::{Ilqr, LatentDynamics, Planner},
 };
 use crate::{
-    env::Environment,
+    env::{Environment, Start},
     lce::{LceModel, Observer},
     nn::noise,
     rng::Rng,
@@ -62,20 +62,43 @@ pub struct Step {
 /// Where an episode starts and should end.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Episode {
+    /// The true state before the start, which two frames show; the start itself where the system is at rest.
+    pub before: Vec<f64>,
     /// The true start state.
     pub start: Vec<f64>,
     /// The true goal state.
     pub goal: Vec<f64>,
 }
 
+impl Episode {
+    /// Starts at rest.
+    pub fn at_rest(start: Vec<f64>, goal: Vec<f64>) -> Self {
+        Self { before: start.clone(), start, goal }
+    }
+}
+
+/// Where an episode was left, for whoever goes on with it. It holds true states: nothing that learns may read it.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Standing {
+    /// The true state one step ago.
+    pub before: Vec<f64>,
+    /// The true state.
+    pub state: Vec<f64>,
+    /// Which of the task's goals.
+    pub goal: usize,
+    /// Steps done.
+    pub steps: usize,
+}
+
 /// Draws episodes: fresh starts, and goals shared out evenly in random order.
-pub fn draw_episodes(env: &dyn Environment, count: usize, rng: &mut Rng) -> Vec<Episode> {
+pub fn draw_episodes(env: &dyn Environment, start: Start, count: usize, rng: &mut Rng) -> Vec<Episode> {
     let goals = env.goals();
     let mut order: Vec<u32> = (0..count as u32).collect();
     noise::shuffle(rng, &mut order);
     order
         .into_iter()
-        .map(|i| Episode { start: env.sample_start(rng), goal: goals[i as usize % goals.len()].clone() })
+        .map(|i| Episode::at_rest(env.sample_start_as(start, rng), goals[i as usize % goals.len()].clone()))
         .collect()
 }
 
@@ -90,7 +113,7 @@ pub fn run(
 ) -> Vec<Step> {
     let mut observer = Observer::new(model, 1);
     let z_goal = observer.mean(&env.picture(&episode.goal));
-    walk(env, &episode.start, steps, rng, |seen, rng| {
+    walk(env, episode, steps, rng, |seen, rng| {
         let z = observer.mean(seen.picture);
         let mut epsilon = vec![0.0; agent.action];
         noise::fill_normal(rng, &mut epsilon);
@@ -113,7 +136,7 @@ pub fn run_ilqr(
     let mut code = |picture: &[u8]| observer.mean(picture).into_iter().map(f64::from).collect::<Vec<_>>();
     let mut planner = Planner::new(ilqr, LatentDynamics::of(model), code(&env.picture(&episode.goal)), plans);
     let mut left = steps;
-    walk(env, &episode.start, steps, rng, |seen, rng| {
+    walk(env, episode, steps, rng, |seen, rng| {
         let planned = planner.act(&code(seen.picture), left);
         left -= 1;
         let mut action: Vec<f32> = planned.into_iter().map(|u| u.clamp(-1.0, 1.0) as f32).collect();
@@ -125,7 +148,7 @@ pub fn run_ilqr(
 /// Runs one episode for `steps` steps with the task's controller on true states.
 pub fn run_oracle(env: &dyn Environment, episode: &Episode, steps: usize, rng: &mut Rng) -> Vec<Step> {
     let mut oracle = env.oracle();
-    walk(env, &episode.start, steps, rng, |seen, rng| {
+    walk(env, episode, steps, rng, |seen, rng| {
         let action = oracle(seen.state, &episode.goal, rng);
         action.iter().zip(env.action_limit()).map(|(u, limit)| (u / limit) as f32).collect()
     })
@@ -150,13 +173,13 @@ struct Seen<'a> {
 
 fn walk(
     env: &dyn Environment,
-    start: &[f64],
+    episode: &Episode,
     steps: usize,
     rng: &mut Rng,
     mut act: impl FnMut(&Seen<'_>, &mut Rng) -> Vec<f32>,
 ) -> Vec<Step> {
     let limit = env.action_limit();
-    let (mut state, mut picture) = (start.to_vec(), env.picture(start));
+    let (mut state, mut picture) = (episode.start.clone(), env.observe(&episode.before, &episode.start));
     let mut is_stuck = false;
     let mut path = Vec::with_capacity(steps);
     for _ in 0..steps {

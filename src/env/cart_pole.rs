@@ -6,7 +6,7 @@
 use std::f64::consts::PI;
 
 use super::{
-    Environment, Oracle,
+    Environment, Oracle, Start,
     drawing::Canvas,
     ode,
     pole::{self, GRAVITY, disturbed, share, within, wrap},
@@ -105,6 +105,13 @@ impl Environment for CartPole {
         vec![within(rng, PI / 6.0), 0.0, 0.0, 0.0]
     }
 
+    fn sample_start_as(&self, start: Start, rng: &mut Rng) -> Vec<f64> {
+        match start {
+            Start::Narrow => vec![within(rng, PI / 10.0), 0.0, 0.0, 0.0],
+            Start::Usual | Start::Paper => self.sample_start(rng),
+        }
+    }
+
     fn goals(&self) -> Vec<Vec<f64>> {
         vec![vec![0.0; 4]]
     }
@@ -149,6 +156,10 @@ impl Environment for CartPole {
     fn ceiling(&self) -> Option<f64> {
         let known = [(0.02, 98.46), (0.05, 99.43)];
         known.iter().find(|it| it.0 == self.step && self.noise == 0.0).map(|it| it.1)
+    }
+
+    fn ceiling_as(&self, start: Start) -> Option<f64> {
+        self.ceiling().map(|ceiling| if start == Start::Narrow { 100.0 } else { ceiling })
     }
 
     fn paper_online(&self) -> Option<f64> {

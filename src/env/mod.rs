@@ -22,6 +22,19 @@ pub use three_pole::ThreePole;
 /// stream where it searches.
 pub type Oracle<'a> = Box<dyn FnMut(&[f64], &[f64], &mut Rng) -> Vec<f64> + 'a>;
 
+/// Where episodes of an evaluation start, by protocol.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Start {
+    /// As the task says.
+    #[default]
+    Usual,
+    /// By the letter of the paper: pendulum and arm hang, the arm at π, 2π/3 and π/3. Elsewhere as usual.
+    Paper,
+    /// The cart-pole within ±π/10, where the pole is at its goal already. Elsewhere as usual.
+    Narrow,
+}
+
 /// A controlled system seen through binary pictures. States are true states: they never leave environments, evaluation
 /// and the map probe.
 pub trait Environment: Send + Sync {
@@ -54,6 +67,10 @@ pub trait Environment: Send + Sync {
     }
     /// Where an episode starts.
     fn sample_start(&self, rng: &mut Rng) -> Vec<f64>;
+    /// Where an episode starts under a protocol.
+    fn sample_start_as(&self, _: Start, rng: &mut Rng) -> Vec<f64> {
+        self.sample_start(rng)
+    }
     /// The goal states to choose from.
     fn goals(&self) -> Vec<Vec<f64>>;
     /// Whether a state counts as being at the goal.
@@ -83,6 +100,10 @@ pub trait Environment: Send + Sync {
     /// Mean %-goal of the best possible controller on the default protocol, counting T+1 states; `None` with options of
     /// the dynamics for which nobody has measured it.
     fn ceiling(&self) -> Option<f64>;
+    /// The same under another protocol of starts.
+    fn ceiling_as(&self, _: Start) -> Option<f64> {
+        self.ceiling()
+    }
     /// Mean %-goal of online CARL in the paper's Table 1, if it has this system.
     fn paper_online(&self) -> Option<f64>;
 

@@ -6,7 +6,7 @@
 use std::f64::consts::PI;
 
 use super::{
-    Environment, Oracle,
+    Environment, Oracle, Start,
     drawing::Canvas,
     ode,
     pole::{self, GRAVITY, disturbed, share, within, wrap},
@@ -94,6 +94,13 @@ impl Environment for SwingUp {
         vec![0.925 * PI + within(rng, 0.025 * PI), 0.0]
     }
 
+    fn sample_start_as(&self, start: Start, rng: &mut Rng) -> Vec<f64> {
+        match start {
+            Start::Paper => vec![PI, 0.0],
+            Start::Usual | Start::Narrow => self.sample_start(rng),
+        }
+    }
+
     fn goals(&self) -> Vec<Vec<f64>> {
         vec![vec![0.0, 0.0]]
     }
@@ -146,6 +153,12 @@ impl Environment for SwingUp {
     fn ceiling(&self) -> Option<f64> {
         let known = [(0.05, 0.65, 98.50), (0.04, 1.0, 98.50), (0.02, 1.0, 96.51), (0.02, 0.65, 96.01)];
         known.iter().find(|it| (it.0, it.1, 0.0) == (self.step, self.torque, self.noise)).map(|it| it.2)
+    }
+
+    /// With the default dynamics the lowest point costs no step more.
+    fn ceiling_as(&self, start: Start) -> Option<f64> {
+        let is_default = (self.step, self.torque) == (0.05, 0.65);
+        self.ceiling().filter(|_| start != Start::Paper || is_default)
     }
 
     fn paper_online(&self) -> Option<f64> {

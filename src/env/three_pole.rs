@@ -6,7 +6,7 @@
 use std::f64::consts::PI;
 
 use super::{
-    Environment, Oracle,
+    Environment, Oracle, Start,
     drawing::Canvas,
     ode,
     planner::{Effort, improve},
@@ -236,6 +236,13 @@ impl Environment for ThreePole {
         self.state_of(START)
     }
 
+    fn sample_start_as(&self, start: Start, _: &mut Rng) -> Vec<f64> {
+        match start {
+            Start::Paper => self.state_of(MAX_ANGLE),
+            Start::Usual | Start::Narrow => self.state_of(START),
+        }
+    }
+
     fn goals(&self) -> Vec<Vec<f64>> {
         vec![self.state_of([0.0; 3])]
     }
@@ -296,6 +303,11 @@ impl Environment for ThreePole {
     /// The best found, not a proven bound.
     fn ceiling(&self) -> Option<f64> {
         ((self.links, self.step, self.noise) == (3, 0.05, 0.0)).then_some(91.54)
+    }
+
+    /// From the paper's start only the best found, too.
+    fn ceiling_as(&self, start: Start) -> Option<f64> {
+        self.ceiling().map(|ceiling| if start == Start::Paper { 90.55 } else { ceiling })
     }
 
     fn paper_online(&self) -> Option<f64> {

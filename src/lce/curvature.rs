@@ -1,14 +1,16 @@
-//! The curvature loss L_cur: how far F's mean is from its own linearisation nearby.
+//! The curvature loss L_cur: how far F's mean is from a linearisation nearby, |f(z + e_z, u + e_u) - f(z, u) - A e_z - B e_u|².
+//!
+//! A and B are F's exact slopes at (z, u), or, where a model has heads for them, what these say: PCC's amortized version.
 
 use super::model::Nets;
 use crate::nn::{
     Real,
     columns::{Block, BlockMut, cut_together},
-    mat::Into,
-    mlp::{Pass, PassMut},
+    mat::{self, Into},
+    mlp::{Linear, Mlp, Pass, PassMut, mask},
 };
 
-/// Buffers: F at a point, F nearby, and the directional derivative between them.
+/// Buffers: F at a point, F nearby, and the directional derivative between them or the slopes that heads give.
 #[derive(Debug, Clone)]
 pub(super) struct Curvature<T> {
     at_input: Block<T>,
@@ -17,6 +19,8 @@ pub(super) struct Curvature<T> {
     at: Pass<T, 3>,
     near: Pass<T, 3>,
     tangent: Pass<T, 3>,
+    slopes: Block<T>,
+    d_slopes: Block<T>,
 }
 
 cut_together! {
@@ -28,6 +32,8 @@ cut_together! {
         at: PassMut<'a, T, 3>,
         near: PassMut<'a, T, 3>,
         tangent: PassMut<'a, T, 3>,
+        slopes: BlockMut<'a, T>,
+        d_slopes: BlockMut<'a, T>,
     }
 }
 
@@ -36,7 +42,8 @@ impl<T: Real> Curvature<T> {
         let width = nets.dynamics.layers[0].n_in;
         let [at, near, tangent] = [(); 3].map(|()| Pass::new(&nets.dynamics, samples, 1));
         let [at_input, near_input, direction] = [(); 3].map(|()| Block::new(width, samples));
-        Self { at_input, near_input, direction, at, near, tangent }
+        let [slopes, d_slopes] = [(); 2].map(|()| Block::new(nets.slopes.map_or(0, |head| head.n_out), samples));
+        Self { at_input, near_input, direction, at, near, tangent, slopes, d_slopes }
     }
 
     pub(super) fn view(&mut self, samples: usize) -> CurvatureMut<'_, T> {
@@ -47,6 +54,8 @@ impl<T: Real> Curvature<T> {
             at: self.at.view(samples),
             near: self.near.view(samples),
             tangent: self.tangent.view(samples),
+            slopes: self.slopes.view(samples),
+            d_slopes: self.d_slopes.view(samples),
         }
     }
 }
@@ -62,11 +71,18 @@ impl<T: Real> CurvatureMut<'_, T> {
         }
     }
 
-    /// |f(z + e_z, u + e_u) - f(z, u) - A e_z - B e_u|² for every sample; deltas are `weight` times its gradient.
-    pub(super) fn run(&mut self, nets: &Nets, arena: &[T], weight: T, mut value: impl FnMut(usize, T)) {
+    /// L_cur of every sample; deltas are `weight` times its gradient.
+    pub(super) fn run(&mut self, nets: &Nets, arena: &[T], weight: T, value: impl FnMut(usize, T)) {
         let f = &nets.dynamics;
         f.forward(arena, self.at_input.data, &mut self.at);
         f.forward(arena, self.near_input.data, &mut self.near);
+        match &nets.slopes {
+            None => self.with_exact_slopes(f, arena, weight, value),
+            Some(head) => self.with_learned_slopes((f, head), arena, weight, value),
+        }
+    }
+
+    fn with_exact_slopes(&mut self, f: &Mlp<3>, arena: &[T], weight: T, mut value: impl FnMut(usize, T)) {
         f.tangent(arena, &self.at, self.direction.data, &mut self.tangent);
         let width = f.layers[2].n_out;
         let columns = self.at.out[2].chunks_exact(width).zip(self.near.out[2].chunks_exact(width));
@@ -89,11 +105,64 @@ impl<T: Real> CurvatureMut<'_, T> {
         f.tangent_backward(arena, &self.at, &mut self.tangent);
     }
 
-    /// Adds the gradients of the weights over all samples.
+    fn with_learned_slopes(
+        &mut self,
+        (f, head): (&Mlp<3>, &Linear),
+        arena: &[T],
+        weight: T,
+        mut value: impl FnMut(usize, T),
+    ) {
+        head.forward(arena, self.at.out[1], self.slopes.data, false);
+        let (width, n) = (f.layers[2].n_out, f.layers[2].n_out / 2);
+        self.at.delta[2].fill(T::nil());
+        self.near.delta[2].fill(T::nil());
+        for sample in 0..self.at.out[2].len() / width {
+            let (at, near) = (&self.at.out[2][sample * width..], &self.near.out[2][sample * width..]);
+            let (e_z, e_u) = self.direction.of(sample).split_at(n);
+            let (a, b) = self.slopes.of(sample).split_at(n * n);
+            let (d_a, d_b) = self.d_slopes.of(sample).split_at_mut(n * n);
+            let mut sum = T::nil();
+            for i in 0..n {
+                let rows = [(e_z, a, &mut *d_a), (e_u, b, &mut *d_b)];
+                let rows = rows.map(|(way, s, d_s)| (way, &s[i * way.len()..], &mut d_s[i * way.len()..]));
+                // F's means are relative to z, so f(z + e_z, ·) - f(z, ·) has e_z itself in it.
+                let mut rest = near[i] - at[i] + e_z[i];
+                for (way, slopes, _) in &rows {
+                    rest = way.iter().zip(*slopes).fold(rest, |rest, (&way, &slope)| rest - slope * way);
+                }
+                let slope = weight * (rest + rest);
+                for (way, _, d_slopes) in rows {
+                    way.iter().zip(d_slopes).for_each(|(&way, d_slope)| *d_slope = -slope * way);
+                }
+                self.at.delta[2][sample * width + i] = -slope;
+                self.near.delta[2][sample * width + i] = slope;
+                sum += rest * rest;
+            }
+            value(sample, sum);
+        }
+        f.backward(arena, &mut self.near, None);
+        self.back_through_head((f, head), arena);
+    }
+
+    /// Deltas of F at the point, into whose last hidden layer those of the head flow too.
+    fn back_through_head(&mut self, (f, head): (&Mlp<3>, &Linear), arena: &[T]) {
+        let [d_0, d_1, d_2] = self.at.delta.each_mut();
+        f.layers[2].backward(arena, d_2, d_1);
+        let shape = (head.n_out, head.n_in, d_1.len() / head.n_in);
+        mat::product_transposed(d_1, Into::Add, head.w(arena), self.d_slopes.data, shape);
+        mask(d_1, self.at.out[1]);
+        f.layers[1].backward(arena, d_1, d_0);
+        mask(d_0, self.at.out[0]);
+    }
+
+    /// Adds the gradients of the weights over all samples; that of the head is set.
     pub(super) fn add_gradient(&self, nets: &Nets, gradient: &mut [T]) {
         let f = &nets.dynamics;
         f.gradient(1, gradient, Into::Add, self.at_input.data, &self.at);
         f.gradient(1, gradient, Into::Add, self.near_input.data, &self.near);
-        f.add_tangent_gradient(gradient, self.direction.data, &self.tangent);
+        match &nets.slopes {
+            None => f.add_tangent_gradient(gradient, self.direction.data, &self.tangent),
+            Some(head) => head.gradient(1, gradient, Into::Replace, self.at.out[1], self.d_slopes.data),
+        }
     }
 }

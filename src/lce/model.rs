@@ -9,7 +9,7 @@ use super::{
 use crate::{
     nn::{
         Real,
-        mlp::{Layout, Mlp, Pass},
+        mlp::{Layout, Linear, Mlp, Pass},
         pictures::Pictures,
     },
     rng::Rng,
@@ -36,6 +36,9 @@ pub struct Sizes {
     pub dynamics: [usize; 2],
     /// N_z, N_u, N_x and N_joint of the backward dynamics.
     pub backward: [usize; 4],
+    /// Whether F has heads for its own slopes.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub slopes: bool,
     /// The anchor's drift.
     #[serde(default, skip_serializing_if = "Drift::is_none")]
     pub drift: Drift,
@@ -53,6 +56,7 @@ impl Sizes {
             decoder: [300, 300],
             dynamics: [20, 20],
             backward: [5, 5, 100, 100],
+            slopes: false,
             drift: Drift::None,
         }
     }
@@ -68,6 +72,7 @@ impl Sizes {
             decoder: [500, 500],
             dynamics: [30, 30],
             backward: [10, 10, 200, 200],
+            slopes: false,
             drift: Drift::None,
         }
     }
@@ -83,6 +88,7 @@ impl Sizes {
             decoder: [200, 1000],
             dynamics: [40, 40],
             backward: [10, 10, 300, 300],
+            slopes: false,
             drift: Drift::None,
         }
     }
@@ -106,6 +112,8 @@ pub struct Nets {
     pub dynamics: Mlp<3>,
     /// B: (z', u, x) -> Gaussian over z.
     pub(super) backward: Backward,
+    /// What F's last hidden layer says of F's slopes at (z, u): A by rows, then B by rows (PCC, "amortized").
+    pub slopes: Option<Linear>,
     /// h, the last in the arena.
     pub(super) drift: Option<Quadratic>,
 }
@@ -119,11 +127,13 @@ impl Nets {
         let decoder = Decoder::new(&mut layout, sizes);
         let dynamics = layout.mlp("dynamics", sizes.latent + sizes.action, [f0, f1, 2 * sizes.latent]);
         let backward = Backward::new(&mut layout, sizes);
+        let slopes = || layout.linear("dynamics.slopes", f1, sizes.latent * (sizes.latent + sizes.action));
+        let slopes = sizes.slopes.then(slopes);
         let drift = match sizes.drift {
             Drift::None => None,
             Drift::Quadratic => Some(Quadratic::new(&mut layout, sizes.latent)),
         };
-        Self { layout, encoder, decoder, dynamics, backward, drift }
+        Self { layout, encoder, decoder, dynamics, backward, slopes, drift }
     }
 }
 

@@ -184,6 +184,7 @@ mod tests {
             latent: 2,
             action: 2,
             convolution: None,
+            slopes: true,
             drift: crate::lce::Drift::Quadratic,
             encoder: [70, 33],
             decoder: [21, 40],

@@ -5,6 +5,8 @@
 pub const TRAIN_LCE: &str = "/train/lce";
 /// Terms of the warm-up loss, per step.
 pub const TRAIN_WARM_UP: &str = "/train/warm_up";
+/// Value-guided weights: their TD errors and how far they are from each other, per model.
+pub const TRAIN_GUIDANCE: &str = "/train/guidance";
 /// Losses, temperature and entropy of SAC, per step.
 pub const TRAIN_SAC: &str = "/train/sac";
 /// Divergence between the old and the new actor, per step.

@@ -1,14 +1,17 @@
 //! New transitions from acting with what was learned (paper, "Sample the environment for new real data").
+//!
+//! Where episodes go on from collection to collection, true states travel beside the transitions, and only from here to
+//! here: see `artifact::Collected`.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{PresetOf, Refusal, Stage, StageCx, generate_data::none_yet, inputs};
 use crate::{
-    artifact::{TrainedModel, Transitions},
+    artifact::{Collected, TrainedModel},
     control::{
         Agent,
-        rollout::{self, Acting, Episode, Unstick},
+        rollout::{self, Acting, Episode, Standing, Step, Unstick},
     },
     nn::noise,
     record::{At, topic},
@@ -19,11 +22,13 @@ use crate::{
 pub(super) struct Params {
     /// Transitions to make, in episodes of T steps; the last episode is cut short.
     samples: u64,
+    /// Whether the last episode of the input `last` goes on; otherwise every collection begins at a start.
+    r#continue: bool,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { samples: 128 }
+        Self { samples: 128, r#continue: false }
     }
 }
 
@@ -35,6 +40,10 @@ impl super::Params for Params {
     fn check(&self) -> Vec<Refusal> {
         super::at_least_one("samples", self.samples)
     }
+
+    fn needs(&self) -> &'static [&'static str] {
+        if self.r#continue { &["last"] } else { &[] }
+    }
 }
 
 inputs! {
@@ -43,6 +52,8 @@ inputs! {
         model: TrainedModel,
         /// the policy to act with
         agent: Agent,
+        /// the collection before, whose last episode may go on
+        last: Option<Collected>,
     }
 }
 
@@ -51,12 +62,12 @@ pub(super) struct Collect;
 impl Stage for Collect {
     const KIND: &'static str = "collect";
     const VERSION: u32 = 1;
-    const ABOUT: &'static str = "transitions on the policy: encoder means, sampled actions, fresh starts";
+    const ABOUT: &'static str = "transitions on the policy: encoder means, sampled actions";
     type Params = Params;
     type Inputs = Inputs;
-    type Output = Transitions;
+    type Output = Collected;
 
-    fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<Transitions> {
+    fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<Collected> {
         let env = cx.task.open();
         let mut rng = cx.rng("episodes");
         let goals = env.goals();
@@ -65,21 +76,30 @@ impl Stage for Collect {
         // Every goal in turn, from a random one on.
         let mut goal = noise::index(&mut rng, goals.len());
         let total = params.samples as usize;
+        let mut standing = inputs.last.and_then(|last| last.standing).filter(|_| params.r#continue);
         while transitions.len() < total {
-            goal = (goal + 1) % goals.len();
-            let episode = Episode { start: env.sample_start(&mut rng), goal: goals[goal].clone() };
-            let steps = env.horizon().min(total - transitions.len());
+            let (episode, done) = if let Some(Standing { before, state, goal: its_goal, steps }) = standing.take() {
+                anyhow::ensure!(its_goal < goals.len(), "the last episode had goal {its_goal}, of another task");
+                goal = its_goal;
+                (Episode { before, start: state, goal: goals[goal].clone() }, steps)
+            } else {
+                goal = (goal + 1) % goals.len();
+                (Episode::at_rest(env.sample_start(&mut rng), goals[goal].clone()), 0)
+            };
+            let steps = env.horizon().saturating_sub(done).min(total - transitions.len());
             let controller = (&inputs.model.model, &inputs.agent);
             let path = rollout::run(&*env, controller, &episode, steps, (Acting::Sample, Unstick::Off), &mut rng);
             for step in &path {
                 transitions.push(&step.before, &step.action, &step.after, goal as u32);
             }
             let at = At::new(cx.round, 0, transitions.len() as u64);
-            if let Some(last) = path.last() {
-                cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, &last.after);
+            if let Some(Step { state, next, after, .. }) = path.into_iter().next_back() {
+                cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, &after);
+                let goes_on = params.r#continue && done + steps < env.horizon();
+                standing = goes_on.then(|| Standing { before: state, state: next, goal, steps: done + steps });
             }
             cx.tick(transitions.len() as u64, params.samples, "")?;
         }
-        Ok(transitions)
+        Ok(Collected { transitions, standing })
     }
 }

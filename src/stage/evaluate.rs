@@ -11,7 +11,7 @@ use crate::{
         Agent, Ilqr,
         rollout::{self, Acting, Controller, Episode, Step, Unstick},
     },
-    env::Environment,
+    env::{Environment, Start},
     lce::LceModel,
     record::{At, TrajectoryFrame, topic},
     rng::Rng,
@@ -25,6 +25,8 @@ pub(super) struct Params {
     controller: Controller,
     /// Episodes to run.
     episodes: u64,
+    /// Where episodes start.
+    start: Start,
     /// Largest distance from the goal state that counts as being there; an angle in tasks with poles.
     radius: f64,
     /// What to do when an action changed nothing in the picture; the policy alone is measured beside it.
@@ -33,7 +35,7 @@ pub(super) struct Params {
 
 impl Default for Params {
     fn default() -> Self {
-        Self { controller: Controller::Agent, episodes: 10, radius: 5.0, unstick: Unstick::Random }
+        Self { controller: Controller::Agent, episodes: 10, start: Start::Usual, radius: 5.0, unstick: Unstick::Random }
     }
 }
 
@@ -126,7 +128,9 @@ impl Stage for Evaluate {
     fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<Evaluation> {
         let env = cx.task.open();
         let steps = env.horizon() + 1;
-        let episodes = rollout::draw_episodes(&*env, params.episodes as usize, &mut cx.shared_rng("episodes"));
+        let count = params.episodes as usize;
+        let episodes = rollout::draw_episodes(&*env, params.start, count, &mut cx.shared_rng("episodes"));
+        let ceiling = env.ceiling_as(params.start);
         let goals = env.goals();
         let actor = inputs.actor(params.controller)?;
         let unstick = if params.controller == Controller::Oracle { Unstick::Off } else { params.unstick };
@@ -163,16 +167,17 @@ impl Stage for Evaluate {
         let at = At::new(cx.round, 0, 0);
         let mut curves = vec![("percent_goal", percent_goal), ("policy_alone", policy_alone)];
         curves.extend(env.paper_online().map(|percent| ("paper", percent)));
-        curves.extend(env.ceiling().map(|percent| ("ceiling", percent)));
+        curves.extend(ceiling.map(|percent| ("ceiling", percent)));
         cx.record.scalars(topic::PERCENT_GOAL, at, &curves);
         cx.figure("percent_goal", percent_goal);
         cx.figure("policy_alone", policy_alone);
         Ok(Evaluation {
             controller: params.controller,
+            start: params.start,
             percent_goal,
             policy_alone,
             percent_goal_t,
-            share_of_ceiling: env.ceiling().map(|ceiling| 100.0 * percent_goal / ceiling),
+            share_of_ceiling: ceiling.map(|ceiling| 100.0 * percent_goal / ceiling),
             unstick: params.unstick,
             radius: params.radius,
             horizon: env.horizon(),

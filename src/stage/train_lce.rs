@@ -1,19 +1,22 @@
 //! Learns the representation: encoder, dynamics, decoder and backward dynamics (paper, lines 3-7 of the CARL algorithm).
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+mod params;
 
-use super::{Preset, PresetOf, Refusal, Stage, StageCx, above_zero, inputs, within};
+use self::params::{LossName, Params, Slopes};
+use super::{Stage, StageCx, inputs};
 use crate::{
     artifact::{TrainedModel, Transitions},
-    control::{Agent, regularizer::PolicyRegularizer},
+    control::{
+        Agent,
+        guidance::{Seen, Spread},
+        regularizer::PolicyRegularizer,
+    },
     env::EnvName,
     lce::{
-        Drift, LceModel, Sizes, detectors,
+        LceModel, Sizes, detectors,
         model::background,
-        objective::{Regularizer, Terms, Weights},
-        trainer::{BATCH, Data, Objective, Trainer},
-        warm_up::WarmUp,
+        objective::{Terms, Weights},
+        trainer::{BATCH, Data, Trainer},
     },
     nn::{
         adam::{Adam, AdamSettings},
@@ -21,164 +24,6 @@ use crate::{
     },
     record::{At, Level, topic},
 };
-
-/// Which loss.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum LossName {
-    /// CARL's.
-    Carl,
-    /// PCC's: its VAE term has a prior on the codes, which CARL's L_ed has not.
-    Pcc,
-}
-
-/// Weights of the terms of the loss.
-#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct Lambda {
-    /// L_ed, encoding and decoding.
-    encode_decode: f64,
-    /// KL to a unit Gaussian, beside L_ed.
-    prior: f64,
-    /// L_p, prediction.
-    prediction: f64,
-    /// L_c, consistency.
-    consistency: f64,
-    /// L_cur, curvature.
-    curvature: f64,
-    /// L_reg; needs `warm_start` and `policy`.
-    regularizer: f64,
-    /// Deterministic reconstruction.
-    deterministic: f64,
-    /// The anchor of the warm-up, which goes on weakly afterwards.
-    anchor: f64,
-}
-
-#[derive(Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct Params {
-    /// Which loss.
-    objective: LossName,
-    /// Passes over the transitions, those of warm-up and ramp included.
-    epochs: u64,
-    /// Of these, passes with the anchored warm-up; none after a `warm_start`.
-    warm_up_epochs: u64,
-    /// Of the warm-up, passes at its beginning that learn the geometry alone: no pictures are decoded.
-    anchor_epochs: u64,
-    /// Of these, passes over which consistency grows from `ramp_from` to its full weight; none after a `warm_start`.
-    ramp_epochs: u64,
-    /// Share of the consistency at the beginning of the ramp.
-    ramp_from: f64,
-    /// Constants of the warm-up.
-    warm_up: WarmUp,
-    /// How codes move by themselves, for the anchor of warm-up and loss.
-    drift: Drift,
-    /// Weights of the terms of the loss.
-    lambda: Lambda,
-    /// Standard deviation of the curvature's noise.
-    curvature_sigma: f64,
-    /// Adam step size; the paper's.
-    learning_rate: f64,
-    /// Adam step size of the warm-up.
-    warm_up_learning_rate: f64,
-    /// L2 coefficient.
-    weight_decay: f64,
-    /// Epochs between two recorded latent maps.
-    map_every: u64,
-}
-
-impl Default for Lambda {
-    fn default() -> Self {
-        Self {
-            encode_decode: 0.01,
-            prior: 0.0,
-            prediction: 1.0,
-            consistency: 7.0,
-            curvature: 1.0,
-            regularizer: 0.0,
-            deterministic: 0.3,
-            anchor: 3.0,
-        }
-    }
-}
-
-impl Default for Params {
-    fn default() -> Self {
-        Self {
-            objective: LossName::Carl,
-            epochs: 15,
-            warm_up_epochs: 150,
-            anchor_epochs: 50,
-            ramp_epochs: 50,
-            ramp_from: 0.02,
-            warm_up: WarmUp::default(),
-            drift: Drift::None,
-            lambda: Lambda::default(),
-            curvature_sigma: 0.1,
-            learning_rate: 5e-4,
-            warm_up_learning_rate: 2e-3,
-            weight_decay: 1e-3,
-            map_every: 10,
-        }
-    }
-}
-
-impl super::Params for Params {
-    fn preset(of: &PresetOf<'_>) -> Self {
-        let mut params = Self::default();
-        if of.given.get("objective").is_some_and(|objective| objective == "pcc") {
-            params.objective = LossName::Pcc;
-            params.lambda.prior = params.lambda.encode_decode;
-        } else if matches!(of.task.env, EnvName::SwingUp | EnvName::ThreePole) {
-            params.lambda.consistency = 11.0;
-        }
-        if of.preset == Preset::Paper {
-            // The paper knows no warm-up, no ramp and no anchor, and says of L_reg only that its weight is small.
-            (params.warm_up_epochs, params.ramp_epochs, params.lambda.anchor) = (0, 0, 0.0);
-            params.lambda.regularizer = if params.objective == LossName::Carl { 0.01 } else { 0.0 };
-        } else if of.task.env != EnvName::Planar {
-            // Poles swing by themselves, and nothing blocks them: the anchor has no outliers.
-            params.drift = Drift::Quadratic;
-            params.warm_up = WarmUp { scale: 2.0, anchor: 100.0, outlier: 1000.0, ..params.warm_up };
-            params.lambda.anchor = 10.0;
-        }
-        params
-    }
-
-    fn check(&self) -> Vec<Refusal> {
-        let mut refusals = super::at_least_one("epochs", self.epochs);
-        refusals.extend(super::at_least_one("map_every", self.map_every));
-        within(&mut refusals, "ramp_from", self.ramp_from, 0.0, 1.0);
-        let Lambda { encode_decode, prior, prediction, consistency, curvature, regularizer, deterministic, anchor } =
-            self.lambda;
-        for (path, value) in [
-            ("lambda.encode_decode", encode_decode),
-            ("lambda.prior", prior),
-            ("lambda.prediction", prediction),
-            ("lambda.consistency", consistency),
-            ("lambda.curvature", curvature),
-            ("lambda.regularizer", regularizer),
-            ("lambda.deterministic", deterministic),
-            ("lambda.anchor", anchor),
-            ("weight_decay", self.weight_decay),
-            ("warm_up.anchor", self.warm_up.anchor),
-            ("warm_up.shrink", self.warm_up.shrink),
-        ] {
-            within(&mut refusals, path, value, 0.0, 1e6);
-        }
-        for (path, value) in [
-            ("learning_rate", self.learning_rate),
-            ("warm_up_learning_rate", self.warm_up_learning_rate),
-            ("curvature_sigma", self.curvature_sigma),
-            ("warm_up.sigma", self.warm_up.sigma),
-            ("warm_up.scale", self.warm_up.scale),
-            ("warm_up.outlier", self.warm_up.outlier),
-        ] {
-            above_zero(&mut refusals, path, value);
-        }
-        refusals
-    }
-}
 
 inputs! {
     pub(super) struct Inputs {
@@ -188,6 +33,8 @@ inputs! {
         warm_start: Option<TrainedModel>,
         /// the policy that L_reg keeps
         policy: Option<Agent>,
+        /// the agent, of `warm_start`'s latent space, whose TD errors weigh L_p and L_c in value-guided CARL
+        value: Option<Agent>,
     }
 }
 
@@ -195,8 +42,10 @@ pub(super) struct TrainLce;
 
 impl Stage for TrainLce {
     const KIND: &'static str = "train_lce";
-    const VERSION: u32 = 1;
-    const ABOUT: &'static str = "encoder, dynamics, decoder and backward dynamics by the loss of CARL or PCC";
+    /// 2: gradients of convolutional encoders are summed over what lit pixels reach.
+    const VERSION: u32 = 2;
+    const ABOUT: &'static str =
+        "encoder, dynamics, decoder and backward dynamics by the loss of CARL, value-guided or not, or PCC";
     type Params = Params;
     type Inputs = Inputs;
     type Output = TrainedModel;
@@ -205,7 +54,13 @@ impl Stage for TrainLce {
         let transitions = Transitions::concat(&inputs.transitions)?;
         let is_warm = inputs.warm_start.is_some();
         let regularizer = l_reg(params, &inputs, &transitions);
-        let mut start = inputs.warm_start.clone().map_or_else(|| fresh(&transitions, cx), Ok)?;
+        let guidance = value_guided(params, &inputs, &transitions, cx)?;
+        let mut start = inputs.warm_start.clone().map_or_else(|| fresh(params, &transitions, cx), Ok)?;
+        let has_slopes = start.model.nets.slopes.is_some();
+        anyhow::ensure!(
+            has_slopes == (params.slopes == Slopes::Amortized),
+            "`slopes` differs from what the model of `warm_start` was trained with"
+        );
         start.set_drift(params.drift);
         let data = transitions.data(&start.model);
         let warm_up_epochs = if is_warm { 0 } else { params.warm_up_epochs };
@@ -248,7 +103,8 @@ impl Stage for TrainLce {
                     loss = terms.prediction;
                 } else {
                     let done = step - warm_up_epochs * steps_of_epoch;
-                    let objective = params.objective_at(done, ramp_epochs * steps_of_epoch, regularizer.as_deref());
+                    let ramp = ramp_epochs * steps_of_epoch;
+                    let objective = params.objective_at(done, ramp, regularizer.as_deref(), guidance.as_deref());
                     let terms = trainer.step(threads, &data, which, &objective, &mut rng);
                     record(cx, at, &terms, &objective.weights);
                     loss = terms.deterministic;
@@ -267,30 +123,6 @@ impl Stage for TrainLce {
     }
 }
 
-impl Params {
-    fn objective_at<'a>(&self, step: u64, ramp: u64, regularizer: Option<Regularizer<'a, f32>>) -> Objective<'a, f32> {
-        let done = if ramp == 0 { 1.0 } else { (step as f64 / ramp as f64).min(1.0) };
-        let share = self.ramp_from + (1.0 - self.ramp_from) * done;
-        let lambda = &self.lambda;
-        Objective {
-            weights: Weights {
-                reconstruction: lambda.prediction,
-                consistency: (lambda.prediction + lambda.consistency) * share,
-                curvature: lambda.curvature,
-                encode_decode: lambda.encode_decode,
-                prior: lambda.prior,
-                deterministic: lambda.deterministic,
-                regularizer: if regularizer.is_some() { lambda.regularizer } else { 0.0 },
-                anchor: lambda.anchor * 0.5 / (self.warm_up.sigma * self.warm_up.sigma),
-            },
-            curvature_sigma: self.curvature_sigma,
-            anchor_scale: self.warm_up.scale,
-            guidance: None,
-            regularizer,
-        }
-    }
-}
-
 fn shuffled(count: usize, rng: &mut crate::rng::Rng) -> Vec<u32> {
     let mut order: Vec<u32> = (0..count as u32).collect();
     noise::shuffle(rng, &mut order);
@@ -298,7 +130,7 @@ fn shuffled(count: usize, rng: &mut crate::rng::Rng) -> Vec<u32> {
 }
 
 /// A model with random weights whose widths suit the task.
-fn fresh(transitions: &Transitions, cx: &StageCx<'_>) -> anyhow::Result<TrainedModel> {
+fn fresh(params: &Params, transitions: &Transitions, cx: &StageCx<'_>) -> anyhow::Result<TrainedModel> {
     let sizes = match cx.task.env {
         EnvName::Planar => Sizes::planar(),
         EnvName::SwingUp => Sizes::swing_up(),
@@ -306,6 +138,7 @@ fn fresh(transitions: &Transitions, cx: &StageCx<'_>) -> anyhow::Result<TrainedM
         // Fewer links have fewer torques.
         EnvName::ThreePole => Sizes { action: transitions.action_dim, ..Sizes::three_pole() },
     };
+    let sizes = Sizes { slopes: params.slopes == Slopes::Amortized, ..sizes };
     anyhow::ensure!(!transitions.is_empty(), "there are no transitions to learn from");
     let background = background(&transitions.frames(), transitions.pixels());
     let model = LceModel::new(sizes, background, &mut cx.rng("weights"));
@@ -322,12 +155,67 @@ fn l_reg<'a>(params: &Params, inputs: &'a Inputs, transitions: &Transitions) -> 
         return None;
     }
     let codes = old.model.encode_means(&old.model.pictures(&transitions.observations));
-    let goals = old.model.encode_means(&old.model.pictures(&transitions.goals));
-    let n = old.model.sizes.latent;
-    let goal_codes: Vec<f32> =
-        transitions.goal_index.iter().flat_map(|&g| &goals[g as usize * n..][..n]).copied().collect();
-    let regularizer = PolicyRegularizer::new(policy, &codes, &goal_codes);
+    let regularizer = PolicyRegularizer::new(policy, &codes, &goal_codes(&old.model, transitions));
     Some(Box::new(move |transition, z, weight, d_z| regularizer.at(transition, z, weight, d_z)))
+}
+
+/// Means of E(·|x_g) of every transition's goal.
+fn goal_codes(model: &LceModel, transitions: &Transitions) -> Vec<f32> {
+    let goals = model.encode_means(&model.pictures(&transitions.goals));
+    let n = model.sizes.latent;
+    transitions.goal_index.iter().flat_map(|&g| &goals[g as usize * n..][..n]).copied().collect()
+}
+
+/// Share of the transitions that value-guided weights should at least be worth.
+const FEW: f64 = 0.1;
+
+/// The weights of L_p and L_c in value-guided CARL, from the agent and the encoder of the round before.
+fn value_guided(
+    params: &Params,
+    inputs: &Inputs,
+    transitions: &Transitions,
+    cx: &mut StageCx<'_>,
+) -> anyhow::Result<Option<Vec<f32>>> {
+    let Some(agent) = &inputs.value else { return Ok(None) };
+    anyhow::ensure!(params.objective == LossName::ValueGuided, "the input `value` goes with `value_guided` alone");
+    let Some(old) = &inputs.warm_start else {
+        anyhow::bail!("the input `value` needs `warm_start`, where its codes are")
+    };
+    let model = &old.model;
+    let encode = |frames: &[u8]| model.encode(&model.pictures(frames));
+    let (now, next) = (encode(&transitions.observations), encode(&transitions.next_observations));
+    let goals = goal_codes(model, transitions);
+    let seen = Seen { now: &now, next: &next, actions: &transitions.actions, goals: &goals };
+    let errors = params.guidance.td_errors(agent, &seen, &mut cx.rng("guidance"));
+    let weights = params.guidance.weights(&errors);
+    record_guidance(cx, &errors, &weights);
+    Ok(Some(weights))
+}
+
+/// How far the weights are from each other, and a word where few transitions have most of it.
+fn record_guidance(cx: &mut StageCx<'_>, errors: &[f32], weights: &[f32]) {
+    let spread = Spread::of(weights);
+    let mean = errors.iter().map(|&error| f64::from(error)).sum::<f64>() / errors.len() as f64;
+    let at = At::new(cx.round, 0, 0);
+    let effective = spread.effective_share * weights.len() as f64;
+    let curves = [
+        ("effective_samples", effective),
+        ("effective_share", spread.effective_share),
+        ("smallest_weight", spread.smallest),
+        ("largest_weight", spread.largest),
+        ("mean_td_error", mean),
+    ];
+    cx.record.scalars(topic::TRAIN_GUIDANCE, at, &curves);
+    cx.figure("effective_share", spread.effective_share);
+    cx.figure("largest_weight", spread.largest);
+    if spread.effective_share < FEW {
+        let sentence = format!(
+            "value-guided weights are worth {effective:.0} of {} transitions; a lower `guidance.temperature` spreads them",
+            weights.len()
+        );
+        cx.record.log(at, Level::Warning, &sentence);
+        cx.say(&sentence);
+    }
 }
 
 fn record(cx: &mut StageCx<'_>, at: At, terms: &Terms, weights: &Weights) {

@@ -97,6 +97,10 @@ pub struct Chain {
     pub collected: Files,
     /// Goes on from `model` with every option that `model` leaves out: PCC's prior and L_reg.
     pub next_model: Files,
+    /// Goes on from `model` with the values of `agent`.
+    pub guided_model: Files,
+    /// With heads for F's slopes.
+    pub amortized_model: Files,
     pub distilled: Files,
     /// As in the paper's preset, with a bootstrap and the quadratic reward.
     pub next_agent: Files,
@@ -118,6 +122,12 @@ impl Chain {
         let pcc = json!({ "objective": "pcc", "epochs": 1, "lambda": { "regularizer": 0.1 } });
         let next_model =
             run("train_lce", pcc, &[("transitions", all), ("warm_start", &[&model]), ("policy", &[&agent])]);
+        let guided = json!({ "objective": "value_guided", "epochs": 1, "guidance": { "temperature": 1.0 } });
+        let guided_model =
+            run("train_lce", guided, &[("transitions", all), ("warm_start", &[&model]), ("value", &[&agent])]);
+        let amortized = json!({ "objective": "pcc", "slopes": "amortized", "epochs": 2, "warm_up_epochs": 1,
+                                "ramp_epochs": 1 });
+        let amortized_model = run("train_lce", amortized, &[("transitions", &[&bootstrap])]);
         let carry: &Inputs<'_> =
             &[("transitions", all), ("model", &[&next_model]), ("old_model", &[&model]), ("old_agent", &[&agent])];
         let distilled = run("distill_policy", json!({ "steps": 3, "batch": 32 }), carry);
@@ -131,17 +141,33 @@ impl Chain {
         let planned = json!({ "controller": "ilqr", "episodes": 2 });
         let planned = run("evaluate", planned, &[("model", &[&next_model]), ("ilqr", &[&ilqr])]);
         let map = run("export_latent_map", json!({}), &[("model", &[&next_model])]);
-        Self { bootstrap, model, agent, collected, next_model, distilled, next_agent, evaluation, ilqr, planned, map }
+        Self {
+            bootstrap,
+            model,
+            agent,
+            collected,
+            next_model,
+            guided_model,
+            amortized_model,
+            distilled,
+            next_agent,
+            evaluation,
+            ilqr,
+            planned,
+            map,
+        }
     }
 
     /// Every artifact in the order of making: a name, the kind that made it, the names of its inputs, its files.
-    pub fn all(&self) -> [(&'static str, &'static str, &'static [&'static str], &Files); 11] {
+    pub fn all(&self) -> [(&'static str, &'static str, &'static [&'static str], &Files); 13] {
         [
             ("bootstrap", "generate_data", &[], &self.bootstrap),
             ("model", "train_lce", &["bootstrap"], &self.model),
             ("agent", "train_sac", &["bootstrap", "model"], &self.agent),
             ("collected", "collect", &["model", "agent"], &self.collected),
             ("next_model", "train_lce", &["bootstrap", "collected", "model", "agent"], &self.next_model),
+            ("guided_model", "train_lce", &["bootstrap", "collected", "model", "agent"], &self.guided_model),
+            ("amortized_model", "train_lce", &["bootstrap"], &self.amortized_model),
             (
                 "distilled",
                 "distill_policy",

@@ -18,11 +18,12 @@ pub trait Dynamics {
     fn jacobians(&mut self, z: &[f64], u: &[f64]) -> (Matrix, Matrix);
 }
 
-/// The mean of a model's F in double precision.
+/// The mean of a model's F in double precision; its slopes are exact, or what the model's heads for them say.
 #[derive(Debug)]
 pub struct LatentDynamics {
     net: Mlp<3>,
     arena: Vec<f64>,
+    slopes: Option<Linear>,
     latent: usize,
     z_u: Vec<f64>,
     pass: Pass<f64, 3>,
@@ -34,10 +35,16 @@ impl LatentDynamics {
         let layers = model.nets.dynamics.layers;
         let first = layers[0].at;
         let end = layers[2].at + layers[2].len();
-        let arena = model.arena[first..end].iter().map(|&weight| f64::from(weight)).collect();
+        let double = |weights: &[f32]| weights.iter().map(|&weight| f64::from(weight)).collect::<Vec<_>>();
+        let mut arena = double(&model.arena[first..end]);
+        let slopes = model.nets.slopes.map(|head| {
+            let at = arena.len();
+            arena.extend(double(&model.arena[head.at..head.at + head.len()]));
+            Linear { at, ..head }
+        });
         let net = Mlp { layers: layers.map(|layer| Linear { at: layer.at - first, ..layer }) };
         let z_u = vec![0.0; layers[0].n_in];
-        Self { pass: Pass::new(&net, 1, 1), net, arena, latent: model.sizes.latent, z_u }
+        Self { pass: Pass::new(&net, 1, 1), net, arena, slopes, latent: model.sizes.latent, z_u }
     }
 
     fn forward(&mut self, z: &[f64], u: &[f64]) {
@@ -68,6 +75,12 @@ impl Dynamics for LatentDynamics {
         self.forward(z, u);
         let n = self.latent;
         let mut pass = self.pass.view(1);
+        if let Some(head) = &self.slopes {
+            let mut a = vec![0.0; head.n_out];
+            head.forward(&self.arena, pass.out[1], &mut a, false);
+            let b = a.split_off(n * n);
+            return (Matrix::new(n, a), Matrix::new(u.len(), b));
+        }
         let (mut a, mut b) = (Vec::with_capacity(n * n), Vec::with_capacity(n * u.len()));
         let mut row = vec![0.0; self.z_u.len()];
         for i in 0..n {
@@ -121,6 +134,18 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn where_a_model_has_heads_for_its_slopes_they_are_asked() {
+        let mut model = model(Sizes { slopes: true, ..Sizes::swing_up() });
+        let head = model.nets.slopes.expect("a head");
+        let (weights, biases) = head.w_b_mut(&mut model.arena);
+        weights.fill(0.0);
+        biases.iter_mut().zip(0_u8..).for_each(|(bias, i)| *bias = f32::from(i));
+        let (a, b) = LatentDynamics::of(&model).jacobians(&[0.1, 0.2, 0.3], &[0.4]);
+        let is = |i: usize, j: usize| a.of(i, j) == (3 * i + j) as f64;
+        assert!((0..3).all(|i| (0..3).all(|j| is(i, j)) && b.of(i, 0) == (9 + i) as f64));
     }
 
     #[test]

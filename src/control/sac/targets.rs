@@ -111,7 +111,7 @@ impl RollOut<'_> {
         let tuple = |i: usize| &self.tuples[(first + i) * width..][..width];
         let alpha = self.agent.temperature();
         for i in 0..samples {
-            c.target.of(i)[0] = self.reward(&tuple(i)[n..n + a], c.z.of(i), &tuple(i)[2 * n + a..]);
+            c.target.of(i)[0] = self.settings.reward.of(&tuple(i)[n..n + a], c.z.of(i), &tuple(i)[2 * n + a..]);
         }
         let mut discount = 1.0_f32;
         let ends = self.settings.rollout + usize::from(self.settings.bootstrap);
@@ -144,7 +144,7 @@ impl RollOut<'_> {
                     let moved = gaussian[n + k].e_to().mul_add(epsilon[k], z[k] + gaussian[k]);
                     z[k] = moved.clamp(self.low[k], self.high[k]);
                 }
-                let reward = self.reward(&c.z_u.of(i)[n..], c.z.of(i), &tuple(i)[2 * n + a..]);
+                let reward = self.settings.reward.of(&c.z_u.of(i)[n..], c.z.of(i), &tuple(i)[2 * n + a..]);
                 c.target.of(i)[0] += discount * reward;
             }
         }
@@ -169,13 +169,16 @@ impl RollOut<'_> {
             c.target.of(i)[0] += discount * c.critic.out[2][i].min(c.critic.delta[2][i]);
         }
     }
+}
 
+impl Reward {
+    /// The reward of reaching z' by an action.
     #[inline(always)]
-    fn reward(&self, action: &[f32], z_next: &[f32], z_goal: &[f32]) -> f32 {
+    pub(in crate::control) fn of(self, action: &[f32], z_next: &[f32], z_goal: &[f32]) -> f32 {
         let squared = z_next.iter().zip(z_goal).map(|(z, g)| (z - g) * (z - g)).sum::<f32>();
-        match self.settings.reward {
-            Reward::Distance => -squared.sqrt(),
-            Reward::Quadratic => -50.0 * squared - action.iter().map(|u| u * u).sum::<f32>(),
+        match self {
+            Self::Distance => -squared.sqrt(),
+            Self::Quadratic => -50.0 * squared - action.iter().map(|u| u * u).sum::<f32>(),
         }
     }
 }

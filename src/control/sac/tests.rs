@@ -13,6 +13,7 @@ const LOG_SIGMA: f32 = -4.0;
 /// A model whose dynamics are z' = z + STRIDE u, with a little noise: relu(u) - relu(-u) is u.
 fn known_model() -> LceModel {
     let sizes = Sizes {
+        slopes: false,
         drift: Drift::None,
         convolution: None,
         pixels: 1,

@@ -18,6 +18,7 @@ struct Case {
 impl Case {
     fn new() -> Self {
         let sizes = Sizes {
+            slopes: false,
             drift: crate::lce::Drift::None,
             convolution: None,
             pixels: 17,
