@@ -12,6 +12,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
     ("diag", &[]),
     ("rng", &[]),
     ("record", &[]),
+    ("stats", &[("rng", "resamples of a bootstrap")]),
     ("nn", &[("rng", "initial weights and noise are drawn from a stream that the caller names")]),
     ("env", &[("rng", "starts, goals and process noise"), ("nn", "portable normal and uniform samples, nothing else")]),
     ("lce", &[("nn", "networks"), ("rng", "a fresh model's weights, a step's noise")]),
@@ -30,6 +31,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("nn", "optimisers and arenas lie on disk"),
             ("lce", "a model is an artifact"),
             ("control", "agents and settings of iLQR are artifacts, and an evaluation names its rule"),
+            ("stats", "a summary of evaluations"),
         ],
     ),
     (
@@ -42,6 +44,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("nn", "optimisers and noise"),
             ("rng", "named streams"),
             ("record", "curves, pictures and maps"),
+            ("stats", "summaries over models"),
         ],
     ),
     (
@@ -64,6 +67,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("rng", "a manifest holds each node's stream"),
             ("nn", "`Threads`, a node's share of the cores"),
             ("env", "a manifest holds the task"),
+            ("stats", "the mean that a run ends with"),
         ],
     ),
     (
@@ -77,6 +81,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("lce", ""),
             ("env", ""),
             ("record", ""),
+            ("stats", ""),
             ("nn", ""),
             ("rng", ""),
             ("digest", ""),
@@ -89,7 +94,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
 const ONLY: &[(&str, &str, &[&str])] = &[
     ("env", "nn", &["noise"]),
     ("engine", "nn", &["Threads"]),
-    ("engine", "env", &["Task"]),
+    ("engine", "env", &["Protocol", "Task"]),
     ("pipeline", "env", &["RefusedOption", "Task"]),
     ("artifact", "control", &["Agent", "Ilqr", "agent", "rollout"]),
 ];

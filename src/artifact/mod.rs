@@ -5,6 +5,7 @@ mod evaluation;
 mod ilqr;
 mod latent_map;
 mod lce_model;
+mod summary;
 mod tensors;
 mod transitions;
 
@@ -13,6 +14,7 @@ use std::collections::BTreeMap;
 pub use evaluation::{EpisodeResult, Evaluation};
 pub use latent_map::LatentMap;
 pub use lce_model::TrainedModel;
+pub use summary::{FigureSummary, ResultSummary};
 pub use transitions::Transitions;
 
 /// The files of one artifact by name: every file becomes one content-addressed object of the store.

@@ -105,6 +105,8 @@ pub struct Chain {
     /// iLQR on `next_model`.
     pub planned: Files,
     pub map: Files,
+    /// Of `evaluation`, twice.
+    pub summary: Files,
 }
 
 impl Chain {
@@ -131,11 +133,25 @@ impl Chain {
         let planned = json!({ "controller": "ilqr", "episodes": 2 });
         let planned = run("evaluate", planned, &[("model", &[&next_model]), ("ilqr", &[&ilqr])]);
         let map = run("export_latent_map", json!({}), &[("model", &[&next_model])]);
-        Self { bootstrap, model, agent, collected, next_model, distilled, next_agent, evaluation, ilqr, planned, map }
+        let summary = run("summarize", json!({}), &[("evaluations", &[&evaluation, &evaluation])]);
+        Self {
+            bootstrap,
+            model,
+            agent,
+            collected,
+            next_model,
+            distilled,
+            next_agent,
+            evaluation,
+            ilqr,
+            planned,
+            map,
+            summary,
+        }
     }
 
     /// Every artifact in the order of making: a name, the kind that made it, the names of its inputs, its files.
-    pub fn all(&self) -> [(&'static str, &'static str, &'static [&'static str], &Files); 11] {
+    pub fn all(&self) -> [(&'static str, &'static str, &'static [&'static str], &Files); 12] {
         [
             ("bootstrap", "generate_data", &[], &self.bootstrap),
             ("model", "train_lce", &["bootstrap"], &self.model),
@@ -153,6 +169,7 @@ impl Chain {
             ("ilqr", "control_ilqr", &[], &self.ilqr),
             ("planned", "evaluate", &["next_model", "ilqr"], &self.planned),
             ("map", "export_latent_map", &["next_model"], &self.map),
+            ("summary", "summarize", &["evaluation"], &self.summary),
         ]
     }
 }
