@@ -99,7 +99,9 @@ fn rows(graph: &Graph, reasons: &[(&str, Reason)], verbose: bool, paint: Paint) 
             _ => (paint.yellow("stale"), reason.to_string()),
         };
         if fold {
-            let (row, count) = folded.entry((group(name), state.clone(), why.clone())).or_insert((rows.len(), 0));
+            // All reasons of a member would not be read: its first one stands for them.
+            let key = (group(name), state.clone(), if by_member { String::new() } else { why.clone() });
+            let (row, count) = folded.entry(key).or_insert((rows.len(), 0));
             *count += 1;
             if *count > 1 {
                 rows[*row][0] = format!("{} x{count}", group(name));

@@ -145,8 +145,8 @@ pub(super) fn check_name(name: &str, span: &Span, what: &str, mistakes: &mut Vec
     if name.is_empty() || !name.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-')) {
         let mistake = Diagnostic::at(span.clone(), format!("`{name}` is no name for a {what}"));
         mistakes.push(mistake.help("a name holds letters a to z, digits, `_` and `-`"));
-    } else if what == "stage" && RESERVED.contains(&name) {
-        let mistake = Diagnostic::at(span.clone(), format!("a stage cannot be called `{name}`"));
+    } else if ["stage", "member of a suite"].contains(&what) && RESERVED.contains(&name) {
+        let mistake = Diagnostic::at(span.clone(), format!("a {what} cannot be called `{name}`"));
         mistakes.push(mistake.help(format!("`-S {name}=…` would mean two things; choose another name")));
     }
 }
