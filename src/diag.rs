@@ -115,6 +115,29 @@ impl Diagnostics {
         Self { sources, list: kept }
     }
 
+    /// The mistakes of several readings as those of one: a text that several of them read counts once.
+    pub fn join(all: impl IntoIterator<Item = Self>) -> Self {
+        let (mut sources, mut list) = (Sources::default(), Vec::new());
+        for Self { sources: own, list: mistakes } in all {
+            let mut moves = Vec::new();
+            for source in own.0 {
+                let known = sources.0.iter().find(|it| it.shown == source.shown && it.text == source.text);
+                let base = known.map(|known| known.base);
+                let base = base.unwrap_or_else(|| sources.add(source.shown, source.text));
+                moves.push((source.base, base));
+            }
+            list.extend(mistakes.into_iter().map(|mut one| {
+                if let Some(span) = &mut one.span
+                    && let Some((from, to)) = moves.iter().rev().find(|(from, _)| *from <= span.start)
+                {
+                    *span = span.start - from + to..span.end - from + to;
+                }
+                one
+            }));
+        }
+        Self::new(sources, list)
+    }
+
     /// The mistakes.
     pub fn list(&self) -> &[Diagnostic] {
         &self.list

@@ -14,3 +14,4 @@ pub mod pipeline;
 pub mod record;
 pub mod rng;
 pub mod stage;
+pub mod stats;

@@ -20,10 +20,10 @@ fn a_second_run_executes_nothing() {
     let (first, _) = bench.run(&chain(1));
     assert_eq!(first.count(Ran), 3);
     assert_eq!(fs::read_to_string(first.path.join("c.number.txt")).unwrap(), "111");
-    assert_eq!(first.percent_goal, Some((1 + 11 + 111) as f64 / 3.0));
+    // Three stages measure three things, which have no mean.
+    assert_eq!(first.percent_goal, None);
     let (second, ear) = bench.run(&chain(1));
     assert_eq!((second.count(Cached), ear.ran()), (3, Vec::<String>::new()));
-    assert_eq!(second.percent_goal, first.percent_goal);
 }
 
 #[test]

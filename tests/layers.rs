@@ -12,6 +12,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
     ("diag", &[]),
     ("rng", &[]),
     ("record", &[]),
+    ("stats", &[("rng", "resamples of a bootstrap")]),
     ("nn", &[("rng", "initial weights and noise are drawn from a stream that the caller names")]),
     ("env", &[("rng", "starts, goals and process noise"), ("nn", "portable normal and uniform samples, nothing else")]),
     ("lce", &[("nn", "networks"), ("rng", "a fresh model's weights, a step's noise")]),
@@ -31,6 +32,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("lce", "a model is an artifact"),
             ("control", "agents and settings of iLQR are artifacts, and an evaluation names its rule"),
             ("env", "an evaluation names its starts"),
+            ("stats", "a summary of evaluations"),
         ],
     ),
     (
@@ -43,6 +45,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("nn", "optimisers and noise"),
             ("rng", "named streams"),
             ("record", "curves, pictures and maps"),
+            ("stats", "summaries over models"),
         ],
     ),
     (
@@ -65,6 +68,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("rng", "a manifest holds each node's stream"),
             ("nn", "`Threads`, a node's share of the cores"),
             ("env", "a manifest holds the task"),
+            ("stats", "the mean that a run ends with"),
         ],
     ),
     (
@@ -78,6 +82,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("lce", ""),
             ("env", ""),
             ("record", ""),
+            ("stats", ""),
             ("nn", ""),
             ("rng", ""),
             ("digest", ""),
@@ -90,7 +95,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
 const ONLY: &[(&str, &str, &[&str])] = &[
     ("env", "nn", &["noise"]),
     ("engine", "nn", &["Threads"]),
-    ("engine", "env", &["Task"]),
+    ("engine", "env", &["Protocol", "Task"]),
     ("pipeline", "env", &["RefusedOption", "Task"]),
     ("artifact", "control", &["Agent", "Ilqr", "agent", "rollout"]),
     ("artifact", "env", &["Start"]),

@@ -28,8 +28,12 @@ fn graph(text: &str, set: &[&str]) -> Graph {
 fn graph_with(text: &str, set: &[&str], sweep: &[&str]) -> Graph {
     let [set, sweep] = [set, sweep].map(|texts| texts.iter().map(|&text| text.to_owned()).collect());
     let overrides = Overrides { set, sweep };
-    let source = Source { path: "pipeline.toml", bytes: text.as_bytes() };
-    pipeline::load(&source, &overrides, stage::registry()).unwrap_or_else(|mistakes| panic!("{mistakes:?}"))
+    let source = Source { path: "pipelines/pipeline.toml", bytes: text.as_bytes() };
+    let read = |name: &str| {
+        let path = format!("pipelines/{name}");
+        fs::read(&path).map(|bytes| (path, bytes)).map_err(|error| error.to_string())
+    };
+    pipeline::load_with(&source, &overrides, stage::registry(), &read).unwrap_or_else(|mistakes| panic!("{mistakes:?}"))
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod evaluation;
 mod ilqr;
 mod latent_map;
 mod lce_model;
+mod summary;
 mod tensors;
 mod transitions;
 
@@ -15,6 +16,7 @@ pub use collected::Collected;
 pub use evaluation::{EpisodeResult, Evaluation};
 pub use latent_map::LatentMap;
 pub use lce_model::TrainedModel;
+pub use summary::{FigureSummary, ResultSummary};
 pub use transitions::Transitions;
 
 /// The files of one artifact by name: every file becomes one content-addressed object of the store.

@@ -55,7 +55,13 @@ pub(crate) fn load(
     let bytes = fs::read(path).map_err(|error| unreadable(path, &error))?;
     let overrides = Overrides { set: changes.set.clone(), sweep: changes.sweep.clone() };
     let source = Source { path: &shown, bytes: &bytes };
-    match pipeline::load(&source, &overrides, kinds) {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let read = |member: &str| {
+        let path = folder.join(member);
+        let bytes = fs::read(&path).map_err(|error| out::tidy(&error.to_string()))?;
+        Ok((path.display().to_string(), bytes))
+    };
+    match pipeline::load_with(&source, &overrides, kinds, &read) {
         Ok(graph) => Ok(Loaded { text: String::from_utf8_lossy(&bytes).into_owned(), graph }),
         Err(mistakes) => {
             if json {
@@ -92,7 +98,10 @@ pub(crate) fn pick(graph: &Graph, targets: &[String]) -> Result<Vec<bool>, Error
 /// A name that is neither a stage nor a node.
 pub(crate) fn no_such_node(graph: &Graph, unknown: &str) -> Error {
     let failure = Error::usage(format!("`{}` has no stage or node `{unknown}`", graph.name));
-    let names = graph.nodes.iter().flat_map(|node| [node.stage.as_str(), node.name.as_str()]);
+    let members = graph.members.iter().map(|member| member.name.as_str());
+    let nodes = graph.nodes.iter();
+    let bare = nodes.clone().filter_map(|node| Some(node.stage.split_once('/')?.1));
+    let names = members.chain(bare).chain(nodes.flat_map(|node| [node.stage.as_str(), node.name.as_str()]));
     match nearest(unknown, names) {
         Some(name) => failure.help(format!("did you mean `{name}`?")),
         None => failure.help(format!("`carl-pipe dag` shows the nodes of `{}`", graph.name)),

@@ -1,5 +1,7 @@
 //! `carl-pipe log` and `carl-pipe show`: the runs there are, and what one of them made.
 
+use std::collections::BTreeMap;
+
 use serde_json::json;
 
 use super::{
@@ -10,6 +12,7 @@ use super::{
 use crate::engine::{
     events::{NodeState, RunState},
     manifest::{Manifest, NodeRecord},
+    results::bare,
     runs,
     store::Store,
 };
@@ -38,6 +41,9 @@ pub(crate) struct ShowArgs {
     #[arg(long)]
     json: bool,
 }
+
+/// More nodes than this are shown by stage.
+const ROWS: usize = 100;
 
 /// Lists runs.
 pub(crate) fn log(global: &Global, args: &Args) -> Result<Exit, Error> {
@@ -95,7 +101,11 @@ pub(crate) fn show(global: &Global, args: &ShowArgs) -> Result<Exit, Error> {
     let all = global.artifacts.join("runs");
     let run_dir = runs::find(&all, &args.run).map_err(|error| Error::usage(error.to_string()))?;
     let manifest = Manifest::read(&run_dir)?;
-    let wanted = |node: &&NodeRecord| args.node.as_ref().is_none_or(|name| node.name == *name || node.stage == *name);
+    let is_named = |node: &NodeRecord, name: &str| {
+        let member = &manifest.members[node.member].name;
+        node.name == name || node.stage == name || bare(&node.stage) == name || (!member.is_empty() && member == name)
+    };
+    let wanted = |node: &&NodeRecord| args.node.as_ref().is_none_or(|name| is_named(node, name));
     let nodes: Vec<&NodeRecord> = manifest.nodes.iter().filter(wanted).collect();
     if let (Some(name), []) = (&args.node, &nodes[..]) {
         return Err(Error::usage(format!("run {} has no stage or node `{name}`", manifest.run)));
@@ -117,9 +127,15 @@ pub(crate) fn show(global: &Global, args: &ShowArgs) -> Result<Exit, Error> {
         100.0 * manifest.recorder_secs / manifest.node_secs.max(1e-9)
     ));
     out::line(&format!("command: {}", out::command(&manifest.argv)));
-    let rows: Vec<Vec<String>> = nodes.iter().map(|node| row(node)).collect();
+    if let Some(commit) = &manifest.commit {
+        out::line(&format!("carl-pipe {} of commit {commit}", manifest.carl_pipe));
+    }
+    let is_long = nodes.len() > ROWS && !global.verbose;
+    let rows = if is_long { by_stage(&nodes) } else { nodes.iter().map(|node| row(node)).collect() };
     out::print(&out::table(&rows));
-    if args.node.is_some() {
+    if is_long {
+        out::line(&paint.dim("every node: with -v, or name a stage or a member of a suite"));
+    } else if args.node.is_some() {
         let store = global.store()?;
         for node in &nodes {
             out::line(&format!("\n{} {}", paint.bold(&node.name), node.params));
@@ -127,6 +143,25 @@ pub(crate) fn show(global: &Global, args: &ShowArgs) -> Result<Exit, Error> {
         }
     }
     Ok(Exit::Ok)
+}
+
+/// A row for each stage, with how many of its nodes ended how.
+fn by_stage(nodes: &[&NodeRecord]) -> Vec<Vec<String>> {
+    let mut stages: Vec<(&str, Vec<&NodeRecord>)> = Vec::new();
+    for node in nodes {
+        match stages.iter_mut().find(|(stage, _)| *stage == node.stage) {
+            Some((_, own)) => own.push(node),
+            None => stages.push((&node.stage, vec![node])),
+        }
+    }
+    let row = |(stage, own): &(&str, Vec<&NodeRecord>)| {
+        let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+        own.iter().for_each(|node| *counts.entry(row(node).swap_remove(1)).or_default() += 1);
+        let states: Vec<String> = counts.iter().map(|(state, count)| format!("{state} {count}")).collect();
+        let secs = own.iter().map(|node| node.secs).sum();
+        vec![format!("{stage} x{}", own.len()), states.join(", "), duration(secs)]
+    };
+    stages.iter().map(row).collect()
 }
 
 fn row(node: &NodeRecord) -> Vec<String> {

@@ -1,5 +1,6 @@
 //! The command line: one file per verb, one shape for errors, documented exit codes.
 
+mod compare;
 mod dag;
 mod exit;
 mod file;
@@ -14,6 +15,7 @@ mod run;
 mod status;
 mod stop;
 mod summary;
+mod table;
 mod view;
 mod why;
 
@@ -33,6 +35,9 @@ const EXAMPLES: &str = "Examples:
   carl-pipe why pipelines/planar_online.toml represent@3  what changed, old value and new
   carl-pipe view latest                                   look at the newest run
   carl-pipe plot latest -o figures                        its learning curve and latent maps
+  carl-pipe run pipelines/table1.toml                     tasks times algorithms, and a table
+  carl-pipe table latest --long                           every statistic of it
+  carl-pipe compare 20261122-0748 latest                  what differs between two runs
   carl-pipe replay latest                                 run it again and compare every byte";
 
 /// Declarative, cached, replayable pipelines for control-aware representation learning.
@@ -91,8 +96,12 @@ enum Verb {
     Show(log::ShowArgs),
     /// Open runs and recordings in the Rerun viewer.
     View(view::Args),
-    /// Draw the learning curve and the latent maps of a run, as SVG.
+    /// Draw learning curves and latent maps of runs, as SVG.
     Plot(plot::Args),
+    /// Show what runs reached, as a table of tasks and algorithms.
+    Table(table::Args),
+    /// Say what differs between two runs: parameters, figures with their uncertainty, outputs.
+    Compare(compare::Args),
     /// Run a recorded run again in an empty store, and compare every output and recording.
     Replay(replay::Args),
     /// Remove what no kept run names.
@@ -140,6 +149,8 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
         Verb::Show(args) => log::show(&global, &args),
         Verb::View(args) => view::view(&global, &args),
         Verb::Plot(args) => plot::plot(&global, &args, kinds),
+        Verb::Table(args) => table::table(&global, &args, kinds),
+        Verb::Compare(args) => compare::compare(&global, &args, kinds),
         Verb::Replay(args) => same_bits_everywhere().and_then(|()| replay::replay(&global, &args, kinds)),
         Verb::Gc(args) => gc::gc(&global, &args),
         Verb::Completions { shell } => {

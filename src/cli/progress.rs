@@ -55,20 +55,22 @@ pub(crate) fn new(how: How, global: &Global, stop: Stop) -> Box<dyn Progress> {
     let (paint, verbose) = (global.color.on_stderr(), global.verbose);
     match how {
         How::Bar => Box::new(Bars::new(paint, verbose, stop)),
-        How::None => Box::new(Plain { paint, verbose: false, only_warnings: true, spoken: Mutex::default() }),
-        _ => Box::new(Plain { paint, verbose, only_warnings: false, spoken: Mutex::default() }),
+        How::None => Box::new(Plain::new(paint, false, true)),
+        _ => Box::new(Plain::new(paint, verbose, false)),
     }
 }
 
 /// What is worth a line however progress is shown.
-fn sentence(event: &Event, paint: Paint, verbose: bool) -> Option<String> {
+fn sentence(event: &Event, paint: Paint, talk: Talk) -> Option<String> {
+    let verbose = talk == Talk::Much;
     match event {
         Event::RunStarted { run, pipeline, seed, nodes } => {
             let seed = seed.map_or_else(String::new, |seed| format!(", seed {seed}"));
             Some(format!("{} {pipeline}: {nodes} nodes{seed} {}", paint.bold("run"), paint.dim(&format!("({run})"))))
         }
         Event::Figure { node, round, name, value } if name == "percent_goal" => {
-            let stage = node.split(['@', '[']).next().unwrap_or(node);
+            let (member, bare) = node.split_once('/').map_or(("", node.as_str()), |(member, bare)| (member, bare));
+            let stage = bare.split(['@', '[']).next().unwrap_or(bare);
             let place = match round {
                 Some(round) if stage == "evaluate" => format!("round {round}"),
                 Some(round) => format!("round {round} {stage}"),
@@ -76,13 +78,15 @@ fn sentence(event: &Event, paint: Paint, verbose: bool) -> Option<String> {
             };
             // At a point of a matrix the round alone would not tell which.
             let point = node.split_once('[').map_or_else(String::new, |(_, point)| format!(" [{point}"));
-            Some(format!("{place}{point}  {name} {}", paint.bold(&out::figure(*value))))
+            let member = if member.is_empty() { String::new() } else { format!("{member} ") };
+            Some(format!("{member}{place}{point}  {name} {}", paint.bold(&out::figure(*value))))
         }
         Event::Figure { node, name, value, .. } if verbose => Some(format!("{node}  {name} {}", out::figure(*value))),
         Event::Say { node, text } => Some(format!("{node}: {text}")),
         Event::Warning { node: Some(node), text } => Some(format!("{} {node}: {text}", paint.yellow("warning:"))),
         Event::Warning { node: None, text } => Some(format!("{} {text}", paint.yellow("warning:"))),
         Event::NodeFinished { node, state, secs, .. } => match state {
+            NodeState::Ran if talk == Talk::Little => None,
             NodeState::Ran => Some(format!("{node}  {} in {}", paint.green("ran"), duration(*secs))),
             NodeState::Cached if verbose => Some(format!("{node}  {}", paint.dim("cached"))),
             NodeState::Failed => Some(format!("{node}  {} after {}", paint.red("failed"), duration(*secs))),
@@ -93,11 +97,37 @@ fn sentence(event: &Event, paint: Paint, verbose: bool) -> Option<String> {
     }
 }
 
+/// How many lines nodes are worth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Talk {
+    /// In runs of many nodes: what is reached, and what goes wrong.
+    Little,
+    /// A line when a node has run.
+    Some,
+    /// Cached nodes and all figures too.
+    Much,
+}
+
+/// Runs of more nodes than this say little about each.
+const MANY: usize = 100;
+
+impl Talk {
+    fn of(verbose: bool, nodes: usize) -> Self {
+        match verbose {
+            true => Self::Much,
+            false if nodes > MANY => Self::Little,
+            false => Self::Some,
+        }
+    }
+}
+
 /// Lines on standard error.
 struct Plain {
     paint: Paint,
     verbose: bool,
     only_warnings: bool,
+    /// Nodes of the run, those that ended, and when that was last told.
+    count: Mutex<(usize, usize, Option<Instant>)>,
     /// When each node began, and when it last had a line.
     spoken: Mutex<BTreeMap<String, (Instant, Instant)>>,
 }
@@ -110,14 +140,17 @@ impl Listener for Plain {
         if self.only_warnings && !matches!(event, Event::Warning { .. }) {
             return;
         }
-        if let Some(text) = sentence(event, self.paint, self.verbose) {
+        let talk = self.count(event);
+        if let Some(text) = sentence(event, self.paint, talk) {
             out::note(&text);
         }
         let mut spoken = self.spoken.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Instant::now();
         match event {
             Event::NodeStarted { node, .. } => {
-                out::note(&format!("{node}  started"));
+                if talk != Talk::Little {
+                    out::note(&format!("{node}  started"));
+                }
                 spoken.insert(node.clone(), (now, now));
             }
             Event::Progress { node, done, total, note } => {
@@ -130,6 +163,28 @@ impl Listener for Plain {
             }
             _ => {}
         }
+    }
+}
+
+impl Plain {
+    fn new(paint: Paint, verbose: bool, only_warnings: bool) -> Self {
+        Self { paint, verbose, only_warnings, count: Mutex::default(), spoken: Mutex::default() }
+    }
+
+    /// Counts nodes; tells how many are done now and then where each of them has no line.
+    fn count(&self, event: &Event) -> Talk {
+        let mut count = self.count.lock().unwrap_or_else(PoisonError::into_inner);
+        match event {
+            Event::RunStarted { nodes, .. } => *count = (*nodes, 0, Some(Instant::now())),
+            Event::NodeFinished { .. } => count.1 += 1,
+            _ => {}
+        }
+        let talk = Talk::of(self.verbose, count.0);
+        if talk == Talk::Little && count.2.is_some_and(|last| last.elapsed() >= LINE_EVERY) {
+            count.2 = Some(Instant::now());
+            out::note(&format!("{} of {} nodes", count.1, count.0));
+        }
+        talk
     }
 }
 
@@ -216,7 +271,8 @@ fn style(template: &str) -> ProgressStyle {
 
 impl Listener for Bars {
     fn hear(&self, event: &Event) {
-        if let Some(text) = sentence(event, self.paint, self.verbose) {
+        let nodes = self.state().whole.length().unwrap_or_default() as usize;
+        if let Some(text) = sentence(event, self.paint, Talk::of(self.verbose, nodes)) {
             let _ = self.all.println(text);
         }
         match event {

@@ -108,7 +108,8 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
     if args.json {
         out::line(&summary::json(&report).to_string());
     }
-    summary::print(&report, graph, global, args.json, &argv);
+    let end = summary::End { graph, store: &store, kinds };
+    summary::print(&report, &end, global, args.json, &argv);
     Ok(match report.state {
         RunState::Finished => Exit::Ok,
         RunState::Interrupted | RunState::Running => Exit::Interrupted,
@@ -124,7 +125,7 @@ fn force(graph: &Graph, names: &[String]) -> Result<Force, Error> {
         return Ok(Force::All);
     }
     for name in names {
-        if !graph.nodes.iter().any(|node| node.stage == *name || node.name == *name) {
+        if !(0..graph.nodes.len()).any(|id| graph.is_named(id, name)) {
             return Err(file::no_such_node(graph, name));
         }
     }

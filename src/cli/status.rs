@@ -1,6 +1,6 @@
 //! `carl-pipe status`: what is stale and why. Runs nothing.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::{Map, Value, json};
 
@@ -32,7 +32,7 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// With more rows than this, nodes that wait are shown by stage.
+/// With more rows than this, nodes with the same reason are shown by stage, and those of a suite by member.
 const ROWS: usize = 24;
 
 /// Says what is stale.
@@ -80,9 +80,14 @@ pub(crate) fn show(graph: &Graph, plan: &Plan, history: &mut History, json: bool
 fn rows(graph: &Graph, reasons: &[(&str, Reason)], verbose: bool, paint: Paint) -> Vec<Vec<String>> {
     let shown: Vec<_> = reasons.iter().filter(|(_, reason)| verbose || !matches!(reason, Reason::Cached)).collect();
     let fold = !verbose && shown.len() > ROWS;
-    let stage = |name: &str| graph.nodes.iter().find(|node| node.name == name).map_or("", |node| node.stage.as_str());
+    let stages = shown.iter().map(|(name, _)| name.split(['@', '[']).next()).collect::<BTreeSet<_>>().len();
+    let by_member = fold && graph.is_suite() && stages > ROWS;
+    let group = |name: &'_ str| {
+        let end = if by_member { name.find('/') } else { name.find(['@', '[']) };
+        name[..end.unwrap_or(name.len())].to_owned()
+    };
     let mut rows: Vec<Vec<String>> = Vec::new();
-    let mut folded: BTreeMap<(String, String), (usize, usize)> = BTreeMap::new();
+    let mut folded: BTreeMap<(String, String, String), (usize, usize)> = BTreeMap::new();
     for (name, reason) in shown {
         let (state, why) = match reason {
             Reason::Cached => (paint.dim("cached"), String::new()),
@@ -93,11 +98,13 @@ fn rows(graph: &Graph, reasons: &[(&str, Reason)], verbose: bool, paint: Paint) 
             Reason::Waiting { .. } => (paint.dim("waiting"), reason.to_string()),
             _ => (paint.yellow("stale"), reason.to_string()),
         };
-        if fold && matches!(reason, Reason::Waiting { .. }) {
-            let (row, count) = folded.entry((stage(name).to_owned(), why.clone())).or_insert((rows.len(), 0));
+        if fold {
+            // All reasons of a member would not be read: its first one stands for them.
+            let key = (group(name), state.clone(), if by_member { String::new() } else { why.clone() });
+            let (row, count) = folded.entry(key).or_insert((rows.len(), 0));
             *count += 1;
             if *count > 1 {
-                rows[*row][0] = format!("{} x{count}", stage(name));
+                rows[*row][0] = format!("{} x{count}", group(name));
                 continue;
             }
         }

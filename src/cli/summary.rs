@@ -7,13 +7,16 @@ use serde_json::{Map, Value, json};
 use super::{
     Global,
     out::{self, Paint, duration},
+    table::{self, Format, grid::Grid, render, render::About, series::Series},
 };
 use crate::{
     engine::{
         events::{NodeState, RunState},
         execute::{NodeReport, Report},
+        store::Store,
     },
     pipeline::Graph,
+    stage::Kind,
 };
 
 /// More nodes than this are shown by stage.
@@ -43,14 +46,25 @@ pub(crate) fn json(report: &Report) -> Value {
 }
 
 /// Prints the end of a run: the table to standard output, failures to standard error.
-pub(crate) fn print(report: &Report, graph: &Graph, global: &Global, json: bool, argv: &[String]) {
+pub(crate) fn print(report: &Report, end: &End<'_>, global: &Global, json: bool, argv: &[String]) {
+    let graph = end.graph;
     if !json {
         let paint = global.color.on_stdout();
         let ran_any = report.nodes.iter().any(|node| node.state != NodeState::Cached);
         if (ran_any && !global.quiet) || global.verbose {
-            out::print(&table(report, paint));
+            out::print(&table(report, graph, paint));
         }
-        out::line(&closing(report, paint));
+        let reached = end.reached(report);
+        if reached.len() > 1
+            && let Ok(grid) = Grid::new(reached, "task", "algorithm")
+        {
+            let about = About { metric: "percent_goal", rows: "task", cols: "algorithm" };
+            out::line(&format!("\n{}", paint.dim("percent_goal: mean ± standard error (models)")));
+            out::line(&render::short(&grid, about, Format::Text, paint));
+            out::line(&closing(report, &[], paint));
+        } else {
+            out::line(&closing(report, &end.reached(report), paint));
+        }
         if !global.quiet {
             let elsewhere = global.artifacts != Path::new("artifacts") && std::env::var_os("CARL_ARTIFACTS").is_none();
             let folder = if elsewhere { format!(" --artifacts {}", global.artifacts.display()) } else { String::new() };
@@ -73,7 +87,23 @@ pub(crate) fn print(report: &Report, graph: &Graph, global: &Global, json: bool,
     }
 }
 
-fn table(report: &Report, paint: Paint) -> String {
+/// What the end of a run is told from.
+pub(crate) struct End<'a> {
+    pub(crate) graph: &'a Graph,
+    pub(crate) store: &'a Store,
+    pub(crate) kinds: &'a [Kind],
+}
+
+impl End<'_> {
+    /// What the final evaluations reached; nothing where the manifest cannot be read.
+    fn reached(&self, report: &Report) -> Vec<Series> {
+        let all = table::all_outcomes(self.store, std::slice::from_ref(&report.run), self.kinds);
+        let finals = all.unwrap_or_default().into_iter().filter(|outcome| outcome.is_last).collect();
+        table::series::pooled(finals, "percent_goal", true, self.store).unwrap_or_default()
+    }
+}
+
+fn table(report: &Report, graph: &Graph, paint: Paint) -> String {
     let mut rows = Vec::new();
     if report.nodes.len() <= ROWS {
         rows.extend(
@@ -83,28 +113,31 @@ fn table(report: &Report, paint: Paint) -> String {
                 .map(|node| vec![node.name.clone(), state(node.state, paint), time(node.secs), key_figure(node)]),
         );
     } else {
-        let mut stages: Vec<(&str, Vec<&NodeReport>)> = Vec::new();
+        let mut groups: Vec<(&str, Vec<&NodeReport>)> = Vec::new();
         for node in &report.nodes {
-            match stages.iter_mut().find(|(stage, _)| *stage == node.stage) {
+            // A suite is shown by its members.
+            let stage = node.stage.as_str();
+            let name = if graph.is_suite() { stage.split('/').next().unwrap_or(stage) } else { stage };
+            match groups.iter_mut().find(|(known, _)| *known == name) {
                 Some((_, nodes)) => nodes.push(node),
-                None => stages.push((&node.stage, vec![node])),
+                None => groups.push((name, vec![node])),
             }
         }
-        rows.extend(stages.iter().map(|(stage, nodes)| stage_row(stage, nodes, paint)));
+        rows.extend(groups.iter().map(|(name, nodes)| group_row(name, nodes, graph.is_suite(), paint)));
     }
     out::table(&rows)
 }
 
-fn stage_row(stage: &str, nodes: &[&NodeReport], paint: Paint) -> Vec<String> {
+fn group_row(name: &str, nodes: &[&NodeReport], is_member: bool, paint: Paint) -> Vec<String> {
     let mut counts: BTreeMap<u8, (NodeState, usize)> = BTreeMap::new();
     for node in nodes {
         counts.entry(node.state as u8).or_insert((node.state, 0)).1 += 1;
     }
     let states = counts.values().map(|(it, count)| format!("{} {count}", state(*it, paint)));
-    let figure =
-        nodes.iter().rev().find(|node| !node.figures.is_empty()).map_or_else(String::new, |node| key_figure(node));
+    let last = nodes.iter().rev().find(|node| !node.figures.is_empty() && !is_member);
+    let figure = last.map_or_else(String::new, |node| key_figure(node));
     let secs: f64 = nodes.iter().map(|node| node.secs).sum();
-    vec![format!("{stage} x{}", nodes.len()), states.collect::<Vec<_>>().join(", "), time(secs), figure]
+    vec![format!("{name} x{}", nodes.len()), states.collect::<Vec<_>>().join(", "), time(secs), figure]
 }
 
 fn state(state: NodeState, paint: Paint) -> String {
@@ -127,7 +160,7 @@ fn key_figure(node: &NodeReport) -> String {
     first.map_or_else(String::new, |(name, value)| format!("{name} {}", out::figure(*value)))
 }
 
-fn closing(report: &Report, paint: Paint) -> String {
+fn closing(report: &Report, reached: &[Series], paint: Paint) -> String {
     let mut parts = Vec::new();
     let all = [
         (NodeState::Ran, "ran"),
@@ -142,7 +175,10 @@ fn closing(report: &Report, paint: Paint) -> String {
             parts.push(format!("{count} {word}"));
         }
     }
-    let figure = report.percent_goal.map_or_else(String::new, |value| format!("; percent_goal {}", out::figure(value)));
+    let figure = match reached {
+        [one] if one.summary.n > 1 => format!("; percent_goal {}", render::mean(&one.summary)),
+        _ => report.percent_goal.map_or_else(String::new, |value| format!("; percent_goal {}", out::figure(value))),
+    };
     format!("{}{}", paint.bold(&format!("{} in {}", parts.join(", "), duration(report.wall_secs))), paint.bold(&figure))
 }
 

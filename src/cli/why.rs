@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     engine::{
-        plan::{Force, Plan, State, plan, select},
+        plan::{Force, Plan, State, plan},
         why::{History, Reason, reason},
     },
     pipeline::{Graph, NodeId},
@@ -38,11 +38,7 @@ pub(crate) fn why(global: &Global, args: &Args, kinds: &'static [Kind]) -> Resul
     let store = global.store()?;
     let plan = plan(graph, &wanted, &store, &Force::None)?;
     let mut history = History::new(&store.runs());
-    let named = (0..graph.nodes.len()).filter(|&id| {
-        let node = &graph.nodes[id];
-        node.name == args.node || node.stage == args.node
-    });
-    debug_assert!(select(graph, std::slice::from_ref(&args.node)).is_ok());
+    let named = (0..graph.nodes.len()).filter(|&id| graph.is_named(id, &args.node));
     for id in named {
         let Some(reason) = reason(graph, &plan, id, &mut history) else { continue };
         if args.json {

@@ -15,7 +15,7 @@ use super::{
 use crate::{
     digest::Digest,
     env::Task,
-    pipeline::{Graph, Node},
+    pipeline::{Graph, Member, Node},
     rng::Stream,
     stage::Kind,
 };
@@ -42,6 +42,12 @@ pub struct Manifest {
     pub argv: Vec<String>,
     /// The version of carl-pipe.
     pub carl_pipe: String,
+    /// The commit that it was built from, with `-dirty` where files differed; none in builds without git.
+    #[serde(default)]
+    pub commit: Option<String>,
+    /// The pipelines that it consists of.
+    #[serde(default)]
+    pub members: Vec<Member>,
     /// The machine.
     pub host: Host,
     /// When it started, in UTC.
@@ -74,6 +80,9 @@ pub struct NodeRecord {
     pub name: String,
     /// See [`Node::stage`].
     pub stage: String,
+    /// See [`Node::member`].
+    #[serde(default)]
+    pub member: usize,
     /// See [`Node::round`].
     pub round: Option<u32>,
     /// See [`Node::point`].
@@ -115,6 +124,7 @@ impl NodeRecord {
         Self {
             name: node.name.clone(),
             stage: node.stage.clone(),
+            member: node.member,
             round: node.round,
             point: node.point.clone(),
             kind: node.kind.name.to_owned(),
@@ -148,6 +158,8 @@ impl Manifest {
             text: text.to_owned(),
             argv: argv.to_vec(),
             carl_pipe: env!("CARGO_PKG_VERSION").to_owned(),
+            commit: option_env!("CARL_COMMIT").filter(|commit| !commit.is_empty()).map(str::to_owned),
+            members: graph.members.clone(),
             host: this_host(),
             started: utc_now(),
             wall_secs: 0.0,
@@ -168,7 +180,16 @@ impl Manifest {
         if json["format"] != FORMAT {
             bail!("{} is of format {}, but this carl-pipe reads format {FORMAT}", path.display(), json["format"]);
         }
-        serde_json::from_value(json).with_context(|| format!("cannot read {}", path.display()))
+        let mut manifest: Self =
+            serde_json::from_value(json).with_context(|| format!("cannot read {}", path.display()))?;
+        if manifest.members.is_empty() {
+            // Written before there were suites.
+            manifest.members.push(Member { pipeline: manifest.pipeline.clone(), ..Member::default() });
+        }
+        if manifest.nodes.iter().any(|node| node.member >= manifest.members.len()) {
+            bail!("{} names a pipeline that it does not list", path.display());
+        }
+        Ok(manifest)
     }
 
     /// Writes the manifest whole; `durable` also makes it safe from a power cut.
@@ -223,6 +244,7 @@ impl Manifest {
             nodes.push(Node {
                 name: record.name.clone(),
                 stage: record.stage.clone(),
+                member: record.member,
                 round: record.round,
                 point: record.point.clone(),
                 kind: found,
@@ -233,7 +255,8 @@ impl Manifest {
                 is_last: record.is_last,
             });
         }
-        Ok(Graph { name: self.pipeline.clone(), description: self.description.clone(), nodes })
+        let (name, description) = (self.pipeline.clone(), self.description.clone());
+        Ok(Graph { name, description, members: self.members.clone(), nodes })
     }
 }
 

@@ -7,6 +7,7 @@ pub mod key;
 pub mod manifest;
 pub mod plan;
 pub mod replay;
+pub mod results;
 pub mod runs;
 pub mod store;
 pub mod why;

@@ -50,11 +50,10 @@ pub enum Force {
 impl Force {
     /// Whether a node is forced.
     pub fn has(&self, graph: &Graph, id: NodeId) -> bool {
-        let node = &graph.nodes[id];
         match self {
             Self::None => false,
             Self::All => true,
-            Self::Named(names) => names.contains(&node.stage) || names.contains(&node.name),
+            Self::Named(names) => names.iter().any(|name| graph.is_named(id, name)),
         }
     }
 }
@@ -102,7 +101,7 @@ fn output(plan: &Plan, source: NodeId) -> Option<Digest> {
     }
 }
 
-/// The nodes of these stages or with these names, and all they need; every node if no name is given.
+/// The nodes that targets name (see [`Graph::is_named`]), and all they need; every node if no name is given.
 ///
 /// # Errors
 /// The first name that is neither a stage nor a node.
@@ -110,10 +109,8 @@ pub fn select(graph: &Graph, targets: &[String]) -> Result<Vec<bool>, String> {
     let mut wanted = vec![targets.is_empty(); graph.nodes.len()];
     for target in targets {
         let mut is_known = false;
-        for (id, node) in graph.nodes.iter().enumerate() {
-            if node.stage == *target || node.name == *target {
-                (wanted[id], is_known) = (true, true);
-            }
+        for id in (0..graph.nodes.len()).filter(|&id| graph.is_named(id, target)) {
+            (wanted[id], is_known) = (true, true);
         }
         if !is_known {
             return Err(target.clone());

@@ -77,9 +77,10 @@ impl RunDir {
     }
 }
 
-/// A node's name as a file name.
+/// A node's name as a file name: `planar_online/represent@3` lies in `planar_online.represent@3.mcap`. No name of a stage
+/// or of a member holds a dot, so two nodes never share a file.
 pub fn file_name(node: &str) -> String {
-    node.replace(['/', '\0'], "_")
+    node.replace(['/', '\0'], ".")
 }
 
 /// The ids of all runs, newest first.

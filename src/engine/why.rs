@@ -9,6 +9,7 @@ use super::{
     key::{self, Change},
     manifest::{Manifest, NodeRecord},
     plan::{Cause, Plan, State},
+    results::bare,
     runs,
 };
 use crate::pipeline::{Graph, Node, NodeId};
@@ -93,24 +94,28 @@ impl History {
         Self { runs: runs.to_owned(), unread: None, read: Vec::new() }
     }
 
-    /// The newest earlier run that knew a node: of the same pipeline if possible, by name or else by stage and round.
+    /// The newest earlier run that knew a node: of the same pipeline if possible, by name or else by stage and round. A
+    /// pipeline is the same whether it ran alone or in a suite.
     fn newest(&mut self, pipeline: &str, node: &Node) -> Option<(&Manifest, &NodeRecord)> {
+        let (name, stage) = (bare(&node.name), bare(&node.stage));
         let is_it = |record: &NodeRecord, by_name_only: bool| {
-            let by_stage = record.stage == node.stage && record.round == node.round && !by_name_only;
-            record.kind == node.kind.name && record.key.is_some() && (record.name == node.name || by_stage)
+            let by_stage = bare(&record.stage) == stage && record.round == node.round && !by_name_only;
+            record.kind == node.kind.name && record.key.is_some() && (bare(&record.name) == name || by_stage)
         };
         for by_name_only in [true, false] {
             for at in 0.. {
                 let Some(manifest) = self.nth(at) else { break };
-                let matches = |record: &NodeRecord| is_it(record, by_name_only);
-                if manifest.pipeline == pipeline
-                    && let Some(row) = manifest.nodes.iter().position(matches)
-                {
+                let matches = |record: &NodeRecord| {
+                    manifest.members[record.member].pipeline == pipeline && is_it(record, by_name_only)
+                };
+                if let Some(row) = manifest.nodes.iter().position(matches) {
                     return Some((&self.read[at], &self.read[at].nodes[row]));
                 }
             }
         }
-        let row = |manifest: &Manifest| manifest.nodes.iter().position(|record| is_it(record, true));
+        // Of another pipeline only where it is about the same system.
+        let is_like = |record: &NodeRecord| record.task.env == node.task.env && is_it(record, true);
+        let row = |manifest: &Manifest| manifest.nodes.iter().position(is_like);
         let (at, row) = self.read.iter().enumerate().find_map(|(at, manifest)| Some((at, row(manifest)?)))?;
         Some((&self.read[at], &self.read[at].nodes[row]))
     }
@@ -133,7 +138,7 @@ pub fn reason(graph: &Graph, plan: &Plan, id: NodeId, history: &mut History) -> 
         State::Hit(..) => Reason::Cached,
         State::Stale(_, Cause::Forced) => Reason::Forced,
         State::Stale(_, Cause::Unusable(why)) => Reason::Unusable { why: why.clone() },
-        State::Stale(key, Cause::Missing) => match history.newest(&graph.name, node) {
+        State::Stale(key, Cause::Missing) => match history.newest(&graph.members[node.member].pipeline, node) {
             None => Reason::New,
             Some((manifest, record)) => {
                 let changes = key::changes(&manifest.key_of(record), &key.json);
@@ -149,11 +154,14 @@ pub fn reason(graph: &Graph, plan: &Plan, id: NodeId, history: &mut History) -> 
         },
         State::Waiting(on) => Reason::Waiting {
             on: on.iter().map(|&source| graph.nodes[source].name.clone()).collect(),
-            changes: history.newest(&graph.name, node).map_or_else(Vec::new, |(manifest, record)| {
-                let mut old = manifest.key_of(record);
-                old["inputs"] = Value::Null;
-                key::changes(&old, &key::without_inputs(node))
-            }),
+            changes: history.newest(&graph.members[node.member].pipeline, node).map_or_else(
+                Vec::new,
+                |(manifest, record)| {
+                    let mut old = manifest.key_of(record);
+                    old["inputs"] = Value::Null;
+                    key::changes(&old, &key::without_inputs(node))
+                },
+            ),
         },
     })
 }

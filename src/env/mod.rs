@@ -1,6 +1,7 @@
 //! The tasks: dynamics, pictures, starts and goals. A task is one file here and its lines in `task`.
 
 mod cart_pole;
+mod ceiling;
 mod drawing;
 mod ode;
 mod planar;
@@ -13,6 +14,7 @@ mod three_pole;
 use crate::rng::Rng;
 
 pub use cart_pole::CartPole;
+pub use ceiling::Protocol;
 pub use planar::Planar;
 pub use swing_up::SwingUp;
 pub use task::{EnvName, RefusedOption, Task};

@@ -1,5 +1,7 @@
 //! A pipeline file as written, its names resolved and its mistakes reported, before loop and matrix are unrolled.
 
+use std::collections::BTreeMap;
+
 use toml::de::DeTable;
 
 use super::tree::{Key, Tree};
@@ -13,6 +15,7 @@ use crate::{
 pub(super) struct Draft<'i> {
     pub(super) name: String,
     pub(super) description: String,
+    pub(super) labels: BTreeMap<String, String>,
     pub(super) seed: u64,
     pub(super) preset: Preset,
     /// `None` where the file has none, which is reported.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{
-    Graph, Node, NodeId,
+    Graph, Member, Node, NodeId,
     draft::{Draft, Target},
     matrix::MAX_NODES,
     order::order,
@@ -56,7 +56,14 @@ pub(super) fn graph(
     }
     let mut unrolling = Unrolling { draft, cells: &cells, reached: &reached, starts: vec![0; cells.len()], settler };
     let nodes = unrolling.nodes(&order).ok_or(unrolling.settler.mistakes)?;
-    Ok(Graph { name: draft.name.clone(), description: draft.description.clone(), nodes })
+    let member = Member {
+        name: String::new(),
+        pipeline: draft.name.clone(),
+        file: String::new(),
+        labels: draft.labels.clone(),
+        text: String::new(),
+    };
+    Ok(Graph { name: draft.name.clone(), description: draft.description.clone(), members: vec![member], nodes })
 }
 
 /// How many nodes there are if these axes reach these cells.
@@ -146,6 +153,7 @@ impl Unrolling<'_, '_> {
         Some(Node {
             name: node_name(&stage.name, cell.round, &shown),
             stage: stage.name.clone(),
+            member: 0,
             round: cell.round,
             point: shown,
             kind,

@@ -48,10 +48,12 @@ pub(super) fn written<'i>(
     Applied { sweeps, set }: Applied<'i>,
     mistakes: &mut Vec<Diagnostic>,
 ) -> Vec<WrittenAxis<'i>> {
-    let mut axes = Vec::new();
+    let mut entries = Vec::new();
     if let Some((table, _)) = table_of(document.remove("matrix"), "matrix", mistakes) {
-        flatten(&[], table, &mut axes);
+        flatten(&[], table, &mut entries);
     }
+    let mut axes: Vec<WrittenAxis<'i>> =
+        entries.into_iter().map(|(keys, value)| WrittenAxis { keys, value, swept: false }).collect();
     for Sweep { axis, values } in sweeps {
         let new = WrittenAxis { keys: vec![axis], value: values, swept: true };
         match axes.iter().position(|old| !old.swept && old.name() == new.name()) {
@@ -70,14 +72,14 @@ pub(super) fn written<'i>(
 }
 
 /// `a.b = [1]` and `[matrix.a]` mean what `"a.b" = [1]` means.
-fn flatten<'i>(above: &[Key<'i>], table: DeTable<'i>, axes: &mut Vec<WrittenAxis<'i>>) {
+pub(super) fn flatten<'i>(above: &[Key<'i>], table: DeTable<'i>, entries: &mut Vec<(Vec<Key<'i>>, Tree<'i>)>) {
     for (key, value) in table {
         let mut keys = above.to_vec();
         keys.push(key);
         let span = value.span();
         match value.into_inner() {
-            DeValue::Table(below) => flatten(&keys, below, axes),
-            value => axes.push(WrittenAxis { keys, value: Spanned::new(span, value), swept: false }),
+            DeValue::Table(below) => flatten(&keys, below, entries),
+            value => entries.push((keys, Spanned::new(span, value))),
         }
     }
 }
@@ -153,7 +155,7 @@ pub(super) fn read<'i>(
 }
 
 /// The parts of the path an axis names, each with its place: quoted keys hold several.
-fn path_of<'i>(keys: &[Key<'i>], sources: &Sources) -> Vec<Key<'i>> {
+pub(super) fn path_of<'i>(keys: &[Key<'i>], sources: &Sources) -> Vec<Key<'i>> {
     let mut path = Vec::new();
     for key in keys {
         let (span, text) = (key.span(), key.get_ref());

@@ -46,35 +46,68 @@ pub(super) struct Applied<'i> {
     pub(super) set: Vec<Key<'i>>,
 }
 
-/// Applies the arguments, given with the base of their spans.
+/// An argument, read up to its assignment.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Argument<'i> {
+    pub(super) is_sweep: bool,
+    /// `represent.epochs=3`.
+    pub(super) assignment: &'i str,
+    /// Where the assignment begins.
+    pub(super) base: usize,
+}
+
+impl<'i> Argument<'i> {
+    /// Reads an argument as [`Overrides::shown`] writes it.
+    pub(super) fn read((base, text): (usize, &'i str)) -> Self {
+        let (flag, assignment) = text.split_once(' ').unwrap_or((text, ""));
+        Self { is_sweep: flag != "-S", assignment, base: base + flag.len() + 1 }
+    }
+
+    /// The path before `=`.
+    pub(super) fn path(&self) -> &'i str {
+        self.assignment.split('=').next().unwrap_or_default().trim()
+    }
+}
+
+/// Applies the arguments.
 pub(super) fn apply<'i>(
     document: &mut DeTable<'i>,
-    arguments: &[(usize, &'i str)],
+    arguments: &[Argument<'i>],
+    applied: &mut Applied<'i>,
     mistakes: &mut Vec<Diagnostic>,
-) -> Applied<'i> {
-    let mut applied = Applied::default();
-    for (base, text) in arguments {
-        if let Some(span) = endless_key(text) {
+) {
+    for Argument { is_sweep, assignment, base } in arguments {
+        if let Some(span) = endless_key(assignment) {
             let span = span.start + base..span.end + base;
             mistakes.push(Diagnostic::at(span, "nested too deeply").help("no parameter lies that deep"));
             continue;
         }
-        let (flag, assignment) = text.split_once(' ').unwrap_or((text, ""));
-        let base = base + flag.len() + 1;
-        let read = match flag {
-            "-S" => split(assignment, base, "-S stage.param=value").and_then(|(path, value)| {
-                applied.set.push(Spanned::new(path.1..path.1 + path.0.len(), Cow::Borrowed(path.0)));
-                set(document, &path_of(document, path)?, scalar(value))
-                    .map_err(|key| Diagnostic::at(key.span(), format!("`{}` holds no parameters", key.get_ref())))
+        let base = *base;
+        let read = match is_sweep {
+            false => split(assignment, base, "-S stage.param=value").and_then(|((path, at), value)| {
+                set_path(document, parts(&Cow::Borrowed(path), at), scalar(value), applied)
             }),
-            _ => split(assignment, base, "--sweep stage.param=1,2,3").map(|((axis, base), values)| {
+            true => split(assignment, base, "--sweep stage.param=1,2,3").map(|((axis, base), values)| {
                 let axis = Spanned::new(base..base + axis.len(), Cow::Borrowed(axis));
                 applied.sweeps.push(Sweep { axis, values: listed(values) });
             }),
         };
         mistakes.extend(read.err());
     }
-    applied
+}
+
+/// Sets the value at a path as `-S` writes it.
+pub(super) fn set_path<'i>(
+    document: &mut DeTable<'i>,
+    path: Vec<Key<'i>>,
+    value: Tree<'i>,
+    applied: &mut Applied<'i>,
+) -> Result<(), Diagnostic> {
+    let words: Vec<&str> = path.iter().map(|key| key.get_ref().as_ref()).collect();
+    let span = path.first().map_or(0, |key| key.span().start)..path.last().map_or(0, |key| key.span().end);
+    applied.set.push(Spanned::new(span, Cow::Owned(words.join("."))));
+    set(document, &path_of(document, path)?, value)
+        .map_err(|key| Diagnostic::at(key.span(), format!("`{}` holds no parameters", key.get_ref())))
 }
 
 /// A text and where it begins.
@@ -112,8 +145,7 @@ pub(super) fn parts<'i>(path: &Cow<'i, str>, base: usize) -> Vec<Key<'i>> {
 }
 
 /// Where in the file a path of `-S` leads.
-fn path_of<'i>(document: &DeTable<'i>, (path, base): Placed<'i>) -> Result<Vec<Key<'i>>, Diagnostic> {
-    let mut path = parts(&Cow::Borrowed(path), base);
+fn path_of<'i>(document: &DeTable<'i>, mut path: Vec<Key<'i>>) -> Result<Vec<Key<'i>>, Diagnostic> {
     if let Some(empty) = path.iter().find(|part| part.get_ref().is_empty()) {
         return Err(Diagnostic::at(empty.span(), "a part of the path is empty").help("write `stage.param`"));
     }

@@ -268,7 +268,7 @@ fn try_task(table: ValueDeserializer<'_>) -> Result<(), toml::de::Error> {
     Task::deserialize(table).map(|_| ())
 }
 
-fn no_table(key: &super::tree::Key<'_>) -> Diagnostic {
+pub(super) fn no_table(key: &super::tree::Key<'_>) -> Diagnostic {
     Diagnostic::at(key.span(), format!("`{}` holds no parameters", key.get_ref()))
 }
 

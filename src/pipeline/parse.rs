@@ -1,5 +1,7 @@
 //! Text to [`Draft`]: the top level of a pipeline file.
 
+use std::collections::BTreeMap;
+
 use toml::{
     Spanned,
     de::{DeTable, DeValue, ValueDeserializer},
@@ -20,7 +22,8 @@ use crate::{
 /// The version of the file format.
 const SCHEMA: i64 = 1;
 /// What a file may hold at its top level.
-const KEYS: [&str; 9] = ["schema", "name", "description", "seed", "preset", "task", "loop", "stages", "matrix"];
+const KEYS: [&str; 10] =
+    ["schema", "name", "description", "labels", "seed", "preset", "task", "loop", "stages", "matrix"];
 /// Names that paths of axes and of `-S` mean otherwise.
 const RESERVED: [&str; 4] = ["seed", "preset", "task", "rounds"];
 /// Beyond this a file is no pipeline.
@@ -78,6 +81,7 @@ pub(super) fn draft<'i>(
         check_name(name, span, "pipeline", mistakes);
     }
     let description = text_of(document.remove("description"), "description", mistakes);
+    let labels = labels_of(document.remove("labels"), mistakes);
     let seed = typed(document.remove("seed"), "seed", mistakes).unwrap_or(0);
     let preset = typed(document.remove("preset"), "preset", mistakes).unwrap_or(Preset::Recipe);
     let no_task = !document.contains_key("task");
@@ -91,6 +95,7 @@ pub(super) fn draft<'i>(
     Draft {
         name: name.unwrap_or_default().0,
         description: description.unwrap_or_default().0,
+        labels,
         seed,
         preset,
         task,
@@ -119,10 +124,10 @@ fn unknown_key(key: &Key<'_>, document: &DeTable<'_>) -> Diagnostic {
     if looks_like_stage {
         return mistake.help(format!("a stage is written `[stages.{name}]`"));
     }
-    mistake.help(instead(name, "a pipeline has", KEYS))
+    mistake.help(instead(name, "a pipeline has", KEYS.into_iter().chain(["suite"])))
 }
 
-fn check_schema(value: Option<Tree<'_>>, mistakes: &mut Vec<Diagnostic>) {
+pub(super) fn check_schema(value: Option<Tree<'_>>, mistakes: &mut Vec<Diagnostic>) {
     let help = format!("write `schema = {SCHEMA}`");
     match value {
         None => mistakes.push(Diagnostic::at(0..0, "the file does not say its `schema`").help(help)),
@@ -140,16 +145,35 @@ pub(super) fn check_name(name: &str, span: &Span, what: &str, mistakes: &mut Vec
     if name.is_empty() || !name.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-')) {
         let mistake = Diagnostic::at(span.clone(), format!("`{name}` is no name for a {what}"));
         mistakes.push(mistake.help("a name holds letters a to z, digits, `_` and `-`"));
-    } else if what == "stage" && RESERVED.contains(&name) {
-        let mistake = Diagnostic::at(span.clone(), format!("a stage cannot be called `{name}`"));
+    } else if ["stage", "member of a suite"].contains(&what) && RESERVED.contains(&name) {
+        let mistake = Diagnostic::at(span.clone(), format!("a {what} cannot be called `{name}`"));
         mistakes.push(mistake.help(format!("`-S {name}=…` would mean two things; choose another name")));
     }
 }
 
-fn text_of(value: Option<Tree<'_>>, key: &str, mistakes: &mut Vec<Diagnostic>) -> Option<(String, Span)> {
+/// `[labels]`: free texts and numbers about a pipeline, which no key holds.
+pub(super) fn labels_of(value: Option<Tree<'_>>, mistakes: &mut Vec<Diagnostic>) -> BTreeMap<String, String> {
+    let table = table_of(value, "labels", mistakes).map(|(table, _)| table).unwrap_or_default();
+    let mut labels = BTreeMap::new();
+    for (key, value) in table {
+        let text = match value.get_ref() {
+            DeValue::String(text) => text.to_string(),
+            DeValue::Integer(_) | DeValue::Float(_) | DeValue::Boolean(_) => to_json(value.get_ref()).to_string(),
+            other => {
+                let message = format!("the label `{}` cannot be {}", key.get_ref(), what(other));
+                mistakes.push(Diagnostic::at(value.span(), message).help("a label is a text or a number"));
+                continue;
+            }
+        };
+        labels.insert(key.get_ref().to_string(), text);
+    }
+    labels
+}
+
+pub(super) fn text_of(value: Option<Tree<'_>>, key: &str, mistakes: &mut Vec<Diagnostic>) -> Option<(String, Span)> {
     let Some(value) = value else {
         if key == "name" {
-            let mistake = Diagnostic::at(0..0, "the pipeline has no `name`");
+            let mistake = Diagnostic::at(0..0, "the file has no `name`");
             mistakes.push(mistake.help("write `name = \"planar_online\"`"));
         }
         return None;

@@ -42,12 +42,14 @@ impl Story {
     }
 }
 
-/// A node's name without its round, `represent` or `represent[seed=3]`, and its point of the matrix, `seed=3`.
+/// A node's name without its round, `represent` or `represent[seed=3]`, and what runs beside others: its point of the
+/// matrix, `seed=3`, and the member of a suite before it, `planar_online seed=3`.
 pub(super) fn lane_and_point(node: &str) -> (String, String) {
     let stem = node.split(['@', '[']).next().unwrap_or(node);
     let point = node.split_once('[').and_then(|(_, rest)| rest.split_once(']')).map_or("", |(point, _)| point);
     let lane = if point.is_empty() { stem.to_owned() } else { format!("{stem}[{point}]") };
-    (lane, point.to_owned())
+    let beside = stem.split_once('/').map_or(point.to_owned(), |(member, _)| format!("{member} {point}"));
+    (lane, beside)
 }
 
 #[cfg(test)]
@@ -71,6 +73,7 @@ mod tests {
         assert_eq!(named("bootstrap"), ("bootstrap".into(), String::new()));
         assert_eq!(named("represent@3"), ("represent".into(), String::new()));
         assert_eq!(named("represent@3[seed=1]"), ("represent[seed=1]".into(), "seed=1".into()));
+        assert_eq!(named("a/represent@3[seed=1]"), ("a/represent[seed=1]".into(), "a seed=1".into()));
         assert_eq!(named("represent[seed=1]@3"), ("represent[seed=1]".into(), "seed=1".into()));
     }
 }

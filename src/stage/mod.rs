@@ -11,6 +11,7 @@ mod export_latent_map;
 mod generate_data;
 mod inputs;
 mod probe;
+mod summarize;
 mod train_lce;
 mod train_sac;
 
@@ -185,6 +186,7 @@ pub fn registry() -> &'static [Kind] {
             Kind::of::<control_ilqr::ControlIlqr>(),
             Kind::of::<evaluate::Evaluate>(),
             Kind::of::<export_latent_map::ExportLatentMap>(),
+            Kind::of::<summarize::Summarize>(),
         ]
     });
     &KINDS

@@ -18,7 +18,7 @@ use carl_pipe::{
         plan::select,
         store::{Found, Store},
     },
-    pipeline::{Graph, Node},
+    pipeline::{Graph, Member, Node},
     rng::Stream,
     stage::{Arity, InputFiles, Kind, Port, StageCx},
 };
@@ -94,13 +94,15 @@ pub fn damage(path: &Path) {
 
 /// Wires a graph: name, parameters and the names of its terms.
 pub fn graph(nodes: &[(&str, Value, &[&str])]) -> Graph {
-    let mut graph = Graph { name: "sums".to_owned(), description: String::new(), nodes: Vec::new() };
+    let members = vec![Member { pipeline: "sums".to_owned(), ..Member::default() }];
+    let mut graph = Graph { name: "sums".to_owned(), description: String::new(), members, nodes: Vec::new() };
     for (name, params, terms) in nodes {
         let at = |term: &&str| graph.nodes.iter().position(|node| node.name == **term).expect("made before");
         let sources = terms.iter().map(at).collect();
         graph.nodes.push(Node {
             name: (*name).to_owned(),
             stage: name.split('@').next().unwrap().to_owned(),
+            member: 0,
             round: name.split('@').nth(1).map(|round| round.parse().unwrap()),
             point: Vec::new(),
             kind: kind("add").unwrap(),

@@ -109,6 +109,8 @@ pub struct Chain {
     /// iLQR on `next_model`.
     pub planned: Files,
     pub map: Files,
+    /// Of `evaluation`, twice.
+    pub summary: Files,
 }
 
 impl Chain {
@@ -141,6 +143,7 @@ impl Chain {
         let planned = json!({ "controller": "ilqr", "episodes": 2 });
         let planned = run("evaluate", planned, &[("model", &[&next_model]), ("ilqr", &[&ilqr])]);
         let map = run("export_latent_map", json!({}), &[("model", &[&next_model])]);
+        let summary = run("summarize", json!({}), &[("evaluations", &[&evaluation, &evaluation])]);
         Self {
             bootstrap,
             model,
@@ -155,11 +158,12 @@ impl Chain {
             ilqr,
             planned,
             map,
+            summary,
         }
     }
 
     /// Every artifact in the order of making: a name, the kind that made it, the names of its inputs, its files.
-    pub fn all(&self) -> [(&'static str, &'static str, &'static [&'static str], &Files); 13] {
+    pub fn all(&self) -> [(&'static str, &'static str, &'static [&'static str], &Files); 14] {
         [
             ("bootstrap", "generate_data", &[], &self.bootstrap),
             ("model", "train_lce", &["bootstrap"], &self.model),
@@ -179,6 +183,7 @@ impl Chain {
             ("ilqr", "control_ilqr", &[], &self.ilqr),
             ("planned", "evaluate", &["next_model", "ilqr"], &self.planned),
             ("map", "export_latent_map", &["next_model"], &self.map),
+            ("summary", "summarize", &["evaluation"], &self.summary),
         ]
     }
 }

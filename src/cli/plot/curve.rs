@@ -3,7 +3,10 @@
 use std::collections::BTreeMap;
 
 use super::svg::{INK, Picture};
-use crate::engine::manifest::NodeRecord;
+use crate::{
+    engine::manifest::NodeRecord,
+    stats::{mean, standard_error},
+};
 
 const WIDTH: f64 = 720.0;
 const HEIGHT: f64 = 400.0;
@@ -100,22 +103,8 @@ fn by_round(nodes: &[&NodeRecord], figure: &str) -> ByRound {
     all
 }
 
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
 fn means(all: &ByRound) -> impl Iterator<Item = (u32, f64)> {
     all.iter().map(|(round, values)| (*round, mean(values)))
-}
-
-/// Standard error of the mean; 0 of one value.
-fn standard_error(values: &[f64]) -> f64 {
-    if values.len() < 2 {
-        return 0.0;
-    }
-    let (mean, n) = (mean(values), values.len() as f64);
-    let squares: f64 = values.iter().map(|value| (value - mean) * (value - mean)).sum();
-    (squares / (n - 1.0) / n).sqrt()
 }
 
 fn is_seeds(points: &[&[(String, String)]]) -> bool {

@@ -1,21 +1,28 @@
-//! `carl-pipe plot`: the learning curve and the latent maps of a run, as SVG pictures.
+//! `carl-pipe plot`: learning curves and latent maps of runs, as SVG pictures.
 
 mod curve;
+mod samples;
 mod strip;
 mod svg;
 
-use std::{fs, path::PathBuf};
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+};
 
 use super::{
     Global,
     exit::{Error, Exit},
     out,
+    table::all_outcomes,
 };
 use crate::{
     artifact::{Artifact, Evaluation, LatentMap},
     engine::{
         events::NodeState,
         manifest::{Manifest, NodeRecord},
+        results::Outcome,
         runs,
         store::Store,
     },
@@ -24,22 +31,39 @@ use crate::{
 
 /// The arguments of `plot`.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Writes percent_goal.svg, the learning curve over rounds, and latent_map.svg, up to five maps \
-of one point.
+#[command(after_help = "Of one pipeline: percent_goal.svg, the learning curve over rounds, and latent_map.svg, up to \
+five maps of one point. Of several pipelines or runs, or of a sweep over `….samples`: learning_curves_TASK.svg, the \
+share of time at the goal by samples, each pipeline with its band over seeds.
 
 Examples:
   carl-pipe plot latest
-  carl-pipe plot latest -o figures --point seed=3")]
+  carl-pipe plot latest -o figures --point seed=3
+  carl-pipe plot latest --member planar_online            one pipeline of a suite
+  carl-pipe run pipelines/planar_offline.toml --sweep bootstrap.samples=1000,2000,5000 --sweep seed=0..5
+  carl-pipe plot latest 20261122-0748 --band ci           with the online curve of another run")]
 pub(crate) struct Args {
-    /// The run: `latest`, its id, or the beginning of its id.
+    /// The runs: `latest`, ids, or beginnings of ids.
     #[arg(value_name = "RUN", default_value = "latest")]
-    run: String,
+    runs: Vec<String>,
     /// Where to write the pictures; made if it is not there.
     #[arg(short, long, value_name = "DIR", default_value = ".")]
     output: PathBuf,
     /// Whose latent maps, such as `seed=3`; may be given again. The first point if not given.
     #[arg(long, value_name = "PATH=VALUE", value_parser = axis)]
     point: Vec<(String, String)>,
+    /// Only this member of a suite.
+    #[arg(long, value_name = "NAME")]
+    member: Option<String>,
+    /// What bands by samples are: se (standard errors) or ci (95 % bootstrap intervals over models).
+    #[arg(long, value_name = "WHAT", default_value = "se", value_enum, hide_possible_values = true)]
+    band: Band,
+}
+
+/// What a band around a mean is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Band {
+    Se,
+    Ci,
 }
 
 fn axis(text: &str) -> Result<(String, String), &'static str> {
@@ -47,35 +71,70 @@ fn axis(text: &str) -> Result<(String, String), &'static str> {
     Ok((path.to_owned(), value.to_owned()))
 }
 
-/// Writes the pictures of a run.
+/// Writes the pictures of runs.
 pub(crate) fn plot(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit, Error> {
     let store = global.store()?;
-    let run_dir = runs::find(&store.runs(), &args.run).map_err(|error| Error::usage(error.to_string()))?;
-    let manifest = Manifest::read(&run_dir)?;
-    let evaluations = finished(&manifest, kinds, Evaluation::TYPE);
-    let maps = finished(&manifest, kinds, LatentMap::TYPE);
-    if let ([], []) = (&evaluations[..], &maps[..]) {
-        return Err(missing(
-            &manifest,
-            "neither an evaluation nor a latent map",
-            "percent_goal.svg and latent_map.svg",
-        ));
-    }
-    let curve = (!evaluations.is_empty()).then(|| curve::draw(&manifest.pipeline, &evaluations));
-    let strip = if maps.is_empty() { None } else { Some(map_strip(&store, &manifest, &maps, &args.point)?) };
-    fs::create_dir_all(&args.output)
-        .map_err(|error| Error::new(Exit::Store, format!("cannot make {}: {error}", args.output.display())))?;
-    for (name, picture) in [("percent_goal.svg", &curve), ("latent_map.svg", &strip)] {
-        if let Some(picture) = picture {
-            let path = args.output.join(name);
-            fs::write(&path, picture)
-                .map_err(|error| Error::new(Exit::Store, format!("cannot write {}: {error}", path.display())))?;
-            out::line(&path.display().to_string());
+    let mut outcomes = all_outcomes(&store, &args.runs, kinds)?;
+    if let Some(member) = &args.member {
+        outcomes.retain(|outcome| outcome.member.name == *member);
+        if outcomes.is_empty() {
+            return Err(Error::usage(format!("no member `{member}` has an evaluation in {}", args.runs.join(", "))));
         }
     }
+    let of_rounds = outcomes.iter().filter(|outcome| outcome.round.is_some());
+    let pipelines: BTreeSet<_> = outcomes.iter().map(|it| (&it.member.pipeline, &it.member.labels)).collect();
+    let has_sizes = outcomes.iter().any(|it| it.point.iter().any(|(axis, _)| axis.ends_with(".samples")));
+    if args.runs.len() > 1 || pipelines.len() > 1 || has_sizes || (of_rounds.count() == 0 && !outcomes.is_empty()) {
+        return by_samples(&outcomes, args);
+    }
+    let run_dir = runs::find(&store.runs(), &args.runs[0]).map_err(|error| Error::usage(error.to_string()))?;
+    let mut manifest = Manifest::read(&run_dir)?;
+    if let Some(wanted) = &args.member {
+        let of_member = |node: &NodeRecord| manifest.members[node.member].name == *wanted;
+        let (nodes, pipeline) = (manifest.nodes.iter().filter(|it| of_member(it)).cloned().collect(), wanted.clone());
+        (manifest.nodes, manifest.pipeline) = (nodes, pipeline);
+    }
+    by_round(&store, &manifest, args, kinds)
+}
+
+/// Writes the learning curves by samples, a picture for each task.
+fn by_samples(outcomes: &[Outcome], args: &Args) -> Result<Exit, Error> {
+    let pictures = samples::curves(outcomes).into_iter().map(|(task, curves)| {
+        let plain = |c: char| if c.is_ascii_alphanumeric() || c == '_' || c == '.' { c } else { '-' };
+        let name = format!("learning_curves_{}.svg", task.replace(", ", "-").chars().map(plain).collect::<String>());
+        (name, samples::draw(&task, &curves, args.band))
+    });
+    write(&args.output, pictures)?;
+    Ok(Exit::Ok)
+}
+
+fn write(folder: &Path, pictures: impl Iterator<Item = (String, String)>) -> Result<(), Error> {
+    fs::create_dir_all(folder)
+        .map_err(|error| Error::new(Exit::Store, format!("cannot make {}: {error}", folder.display())))?;
+    for (name, picture) in pictures {
+        let path = folder.join(name);
+        fs::write(&path, picture)
+            .map_err(|error| Error::new(Exit::Store, format!("cannot write {}: {error}", path.display())))?;
+        out::line(&path.display().to_string());
+    }
+    Ok(())
+}
+
+/// Writes the learning curve and the latent maps of one pipeline.
+fn by_round(store: &Store, manifest: &Manifest, args: &Args, kinds: &[Kind]) -> Result<Exit, Error> {
+    let evaluations = finished(manifest, kinds, Evaluation::TYPE);
+    let maps = finished(manifest, kinds, LatentMap::TYPE);
+    if let ([], []) = (&evaluations[..], &maps[..]) {
+        return Err(missing(manifest, "neither an evaluation nor a latent map", "percent_goal.svg and latent_map.svg"));
+    }
+    let curve = (!evaluations.is_empty()).then(|| curve::draw(&manifest.pipeline, &evaluations));
+    let strip = if maps.is_empty() { None } else { Some(map_strip(store, manifest, &maps, &args.point)?) };
+    let pictures = [("percent_goal.svg", &curve), ("latent_map.svg", &strip)];
+    let drawn = pictures.into_iter().filter_map(|(name, picture)| Some((name.to_owned(), picture.clone()?)));
+    write(&args.output, drawn)?;
     match (curve, strip) {
-        (None, _) => Err(missing(&manifest, "no evaluation", "percent_goal.svg")),
-        (_, None) => Err(missing(&manifest, "no latent map", "latent_map.svg")),
+        (None, _) => Err(missing(manifest, "no evaluation", "percent_goal.svg")),
+        (_, None) => Err(missing(manifest, "no latent map", "latent_map.svg")),
         _ => Ok(Exit::Ok),
     }
 }

@@ -23,7 +23,10 @@ use super::{
     runs::RunDir,
     store::Store,
 };
-use crate::{digest::Digest, pipeline::Graph};
+use crate::{
+    digest::Digest,
+    pipeline::{Graph, Node},
+};
 
 /// What to run.
 #[derive(Debug)]
@@ -73,7 +76,7 @@ pub struct Report {
     pub nodes: Vec<NodeReport>,
     /// From start to end.
     pub wall_secs: f64,
-    /// Mean `percent_goal` of the final evaluations.
+    /// Mean `percent_goal` of the final evaluations, where they differ by their seeds alone.
     pub percent_goal: Option<f64>,
 }
 
@@ -114,6 +117,15 @@ impl Report {
     pub fn count(&self, state: NodeState) -> usize {
         self.nodes.iter().filter(|node| node.state == state).count()
     }
+}
+
+/// Whether a mean over what these nodes reached means anything: not over unlike tasks, algorithms or parameters.
+fn differ_by_seed_alone(nodes: &[&Node]) -> bool {
+    let point = |node: &Node| node.point.iter().filter(|axis| axis.0 != "seed").cloned().collect::<Vec<_>>();
+    nodes.windows(2).all(|pair| {
+        let [one, other] = [pair[0], pair[1]];
+        (one.member, &one.stage, &one.task, point(one)) == (other.member, &other.stage, &other.task, point(other))
+    })
 }
 
 /// Runs an order; the folder of the run tells everything about it.

@@ -15,6 +15,7 @@ use std::{
 use super::{
     Failure, NodeReport, Options, Order, Report,
     cores::Cores,
+    differ_by_seed_alone,
     recording::{link_name, live_name},
     teams::Teams,
     worker::{Ended, Job, Shop, work},
@@ -30,6 +31,7 @@ use crate::{
         store::{Entry, Store},
     },
     pipeline::{Node, NodeId},
+    stats,
 };
 
 /// How often a node may have to be made again in one run because its output was damaged.
@@ -431,12 +433,14 @@ impl<'a> Scheduler<'a> {
     }
 
     fn percent_goal(&self) -> Option<f64> {
-        let is_final = |node: &Node| node.is_last && node.kind.output == "evaluation";
-        let figures = self.order.graph.nodes.iter().zip(&self.status).filter_map(|(node, status)| match status {
-            Status::Done(entry) if is_final(node) => entry.figures.get("percent_goal").copied(),
+        let all = self.order.graph.nodes.iter().zip(&self.status);
+        let finals: Vec<_> = all.filter(|(node, _)| node.is_last && node.kind.output == "evaluation").collect();
+        let nodes: Vec<&Node> = finals.iter().map(|(node, _)| *node).collect();
+        let figures = finals.iter().filter_map(|(_, status)| match status {
+            Status::Done(entry) => entry.figures.get("percent_goal").copied(),
             _ => None,
         });
         let figures: Vec<f64> = figures.collect();
-        (!figures.is_empty()).then(|| figures.iter().sum::<f64>() / figures.len() as f64)
+        (differ_by_seed_alone(&nodes) && !figures.is_empty()).then(|| stats::mean(&figures))
     }
 }

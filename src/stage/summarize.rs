@@ -1,0 +1,81 @@
+//! Sums up evaluations of several models, such as `evaluate@last[*]`, the last round of every seed.
+//!
+//! The unit is a model with its mean over its episodes; intervals are percentile bootstraps that resample models. It
+//! refuses evaluations under different protocols, whose mean would mean nothing.
+
+use anyhow::{Context as _, ensure};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{PresetOf, Stage, StageCx, inputs};
+use crate::{
+    artifact::{Evaluation, FigureSummary, ResultSummary},
+    env::Protocol,
+    stats::Summary,
+};
+
+#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Params {}
+
+impl super::Params for Params {
+    fn preset(_: &PresetOf<'_>) -> Self {
+        Self::default()
+    }
+}
+
+inputs! {
+    pub(super) struct Inputs {
+        /// one evaluation of each model: `evaluate@last[*]` is the last round at every point of the matrix
+        evaluations: Vec<Evaluation>,
+    }
+}
+
+pub(super) struct Summarize;
+
+impl Stage for Summarize {
+    const KIND: &'static str = "summarize";
+    const VERSION: u32 = 1;
+    const ABOUT: &'static str = "mean, standard error, bootstrap interval, best and worst over models";
+    type Params = Params;
+    type Inputs = Inputs;
+    type Output = ResultSummary;
+
+    fn run(_: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<ResultSummary> {
+        let all = inputs.evaluations;
+        let first = all.first().context("there is no evaluation")?;
+        for other in &all {
+            let same =
+                (first.controller, first.unstick, first.horizon) == (other.controller, other.unstick, other.horizon);
+            ensure!(
+                same && first.radius == other.radius,
+                "evaluations under different protocols cannot be summed up; name those of one task and controller"
+            );
+        }
+        let figure = |of: fn(&Evaluation) -> f64| {
+            let models: Vec<f64> = all.iter().map(of).collect();
+            let summary = Summary::of(&models).context("there is no evaluation")?;
+            anyhow::Ok(FigureSummary { summary, models })
+        };
+        let percent_goal = figure(|it| it.percent_goal)?;
+        let policy_alone = figure(|it| it.policy_alone)?;
+        let ceiling = cx.task.ceiling(Protocol { radius: first.radius });
+        let mean = percent_goal.summary.mean;
+        cx.figure("percent_goal", mean);
+        if let Some(error) = percent_goal.summary.standard_error {
+            cx.figure("standard_error", error);
+        }
+        cx.figure("models", percent_goal.summary.n as f64);
+        Ok(ResultSummary {
+            controller: first.controller,
+            radius: first.radius,
+            horizon: first.horizon,
+            episodes: all.iter().map(|it| it.episodes.len()).collect(),
+            percent_goal,
+            policy_alone,
+            percent_goal_t: figure(|it| it.percent_goal_t)?,
+            ceiling,
+            share_of_ceiling: ceiling.map(|ceiling| 100.0 * mean / ceiling),
+        })
+    }
+}
