@@ -32,6 +32,16 @@ pub(super) enum LossName {
     Pcc,
 }
 
+/// Which encoder and decoder a new model has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Networks {
+    /// The paper's, convolutional on its larger pictures.
+    Paper,
+    /// Fully connected, two hidden layers of 256: a fraction of the cost on larger pictures, where most pixels are dark.
+    Dense,
+}
+
 /// Weights of the terms of the loss.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -59,6 +69,8 @@ pub(super) struct Lambda {
 pub(super) struct Params {
     /// Which loss.
     objective: LossName,
+    /// Which encoder and decoder a new model has; after a `warm_start` they stay what they are.
+    networks: Networks,
     /// Passes over the transitions, those of warm-up and ramp included.
     epochs: u64,
     /// Of these, passes with the anchored warm-up; none after a `warm_start`.
@@ -106,6 +118,7 @@ impl Default for Params {
     fn default() -> Self {
         Self {
             objective: LossName::Carl,
+            networks: Networks::Paper,
             epochs: 15,
             warm_up_epochs: 150,
             anchor_epochs: 50,
@@ -205,7 +218,7 @@ impl Stage for TrainLce {
         let transitions = Transitions::concat(&inputs.transitions)?;
         let is_warm = inputs.warm_start.is_some();
         let regularizer = l_reg(params, &inputs, &transitions);
-        let mut start = inputs.warm_start.clone().map_or_else(|| fresh(&transitions, cx), Ok)?;
+        let mut start = inputs.warm_start.clone().map_or_else(|| fresh(params.networks, &transitions, cx), Ok)?;
         start.set_drift(params.drift);
         let data = transitions.data(&start.model);
         let warm_up_epochs = if is_warm { 0 } else { params.warm_up_epochs };
@@ -298,14 +311,17 @@ fn shuffled(count: usize, rng: &mut crate::rng::Rng) -> Vec<u32> {
 }
 
 /// A model with random weights whose widths suit the task.
-fn fresh(transitions: &Transitions, cx: &StageCx<'_>) -> anyhow::Result<TrainedModel> {
-    let sizes = match cx.task.env {
+fn fresh(networks: Networks, transitions: &Transitions, cx: &StageCx<'_>) -> anyhow::Result<TrainedModel> {
+    let mut sizes = match cx.task.env {
         EnvName::Planar => Sizes::planar(),
         EnvName::SwingUp => Sizes::swing_up(),
         EnvName::CartPole => Sizes::cart_pole(),
         // Fewer links have fewer torques.
         EnvName::ThreePole => Sizes { action: transitions.action_dim, ..Sizes::three_pole() },
     };
+    if networks == Networks::Dense {
+        sizes = Sizes { convolution: None, encoder: [256; 2], decoder: [256; 2], ..sizes };
+    }
     anyhow::ensure!(!transitions.is_empty(), "there are no transitions to learn from");
     let background = background(&transitions.frames(), transitions.pixels());
     let model = LceModel::new(sizes, background, &mut cx.rng("weights"));
