@@ -17,23 +17,27 @@ use crate::{
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Params {
-    /// Transitions to make, in episodes of T steps; the last episode is cut short.
+    /// Transitions to make; the last episode is cut short.
     samples: u64,
+    /// Steps after which an episode ends; T at most.
+    episode: u64,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { samples: 128 }
+        Self { samples: 128, episode: 400 }
     }
 }
 
 impl super::Params for Params {
-    fn preset(_: &PresetOf<'_>) -> Self {
-        Self::default()
+    fn preset(of: &PresetOf<'_>) -> Self {
+        Self { episode: of.task.open().horizon() as u64, ..Self::default() }
     }
 
     fn check(&self) -> Vec<Refusal> {
-        super::at_least_one("samples", self.samples)
+        let mut refusals = super::at_least_one("samples", self.samples);
+        refusals.extend(super::at_least_one("episode", self.episode));
+        refusals
     }
 }
 
@@ -65,10 +69,11 @@ impl Stage for Collect {
         // Every goal in turn, from a random one on.
         let mut goal = noise::index(&mut rng, goals.len());
         let total = params.samples as usize;
+        let longest = env.horizon().min(params.episode as usize);
         while transitions.len() < total {
             goal = (goal + 1) % goals.len();
             let episode = Episode { start: env.sample_start(&mut rng), goal: goals[goal].clone() };
-            let steps = env.horizon().min(total - transitions.len());
+            let steps = longest.min(total - transitions.len());
             let controller = (&inputs.model.model, &inputs.agent);
             let path = rollout::run(&*env, controller, &episode, steps, (Acting::Sample, Unstick::Off), &mut rng);
             for step in &path {
