@@ -158,11 +158,6 @@ impl super::Params for Params {
                 // A thousand random transitions share no pictures here: without decoding, geometry is learned by heart.
                 params.anchor_epochs = 0;
             }
-            if of.task.env == EnvName::CartPole {
-                // A force shows less than a torque; the angle, which rewards should see most, spreads with the scale.
-                params.warm_up = WarmUp { scale: 4.0, anchor: 30.0, ..params.warm_up };
-                params.lambda.anchor = 3.0;
-            }
         }
         params
     }
