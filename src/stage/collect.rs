@@ -6,13 +6,14 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{PresetOf, Refusal, Stage, StageCx, generate_data::none_yet, inputs};
+use super::{Preset, PresetOf, Refusal, Stage, StageCx, generate_data::none_yet, inputs};
 use crate::{
     artifact::{Collected, TrainedModel},
     control::{
         Agent,
         rollout::{self, Acting, Episode, Standing, Step, Unstick},
     },
+    env::EnvName,
     nn::noise,
     record::{At, topic},
 };
@@ -20,25 +21,32 @@ use crate::{
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Params {
-    /// Transitions to make, in episodes of T steps; the last episode is cut short.
+    /// Transitions to make; the last episode is cut short.
     samples: u64,
+    /// Steps after which an episode ends; T at most.
+    episode: u64,
     /// Whether the last episode of the input `last` goes on; otherwise every collection begins at a start.
     r#continue: bool,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { samples: 128, r#continue: false }
+        Self { samples: 128, episode: 400, r#continue: false }
     }
 }
 
 impl super::Params for Params {
-    fn preset(_: &PresetOf<'_>) -> Self {
-        Self::default()
+    fn preset(of: &PresetOf<'_>) -> Self {
+        let horizon = of.task.open().horizon() as u64;
+        // What has fallen, or left the picture, shows nothing more.
+        let falls = of.preset == Preset::Recipe && of.task.env == EnvName::CartPole;
+        Self { episode: if falls { 60 } else { horizon }, ..Self::default() }
     }
 
     fn check(&self) -> Vec<Refusal> {
-        super::at_least_one("samples", self.samples)
+        let mut refusals = super::at_least_one("samples", self.samples);
+        refusals.extend(super::at_least_one("episode", self.episode));
+        refusals
     }
 
     fn needs(&self) -> &'static [&'static str] {
@@ -77,6 +85,7 @@ impl Stage for Collect {
         let mut goal = noise::index(&mut rng, goals.len());
         let total = params.samples as usize;
         let mut standing = inputs.last.and_then(|last| last.standing).filter(|_| params.r#continue);
+        let longest = env.horizon().min(params.episode as usize);
         while transitions.len() < total {
             let (episode, done) = if let Some(Standing { before, state, goal: its_goal, steps }) = standing.take() {
                 anyhow::ensure!(its_goal < goals.len(), "the last episode had goal {its_goal}, of another task");
@@ -86,7 +95,7 @@ impl Stage for Collect {
                 goal = (goal + 1) % goals.len();
                 (Episode::at_rest(env.sample_start(&mut rng), goals[goal].clone()), 0)
             };
-            let steps = env.horizon().saturating_sub(done).min(total - transitions.len());
+            let steps = longest.saturating_sub(done).min(total - transitions.len());
             let controller = (&inputs.model.model, &inputs.agent);
             let path = rollout::run(&*env, controller, &episode, steps, (Acting::Sample, Unstick::Off), &mut rng);
             for step in &path {
@@ -95,7 +104,7 @@ impl Stage for Collect {
             let at = At::new(cx.round, 0, transitions.len() as u64);
             if let Some(Step { state, next, after, .. }) = path.into_iter().next_back() {
                 cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, &after);
-                let goes_on = params.r#continue && done + steps < env.horizon();
+                let goes_on = params.r#continue && done + steps < longest;
                 standing = goes_on.then(|| Standing { before: state, state: next, goal, steps: done + steps });
             }
             cx.tick(transitions.len() as u64, params.samples, "")?;

@@ -2,7 +2,7 @@
 
 mod params;
 
-use self::params::{LossName, Params, Slopes};
+use self::params::{LossName, Networks, Params, Slopes};
 use super::{Stage, StageCx, inputs};
 use crate::{
     artifact::{TrainedModel, Transitions},
@@ -138,7 +138,10 @@ fn fresh(params: &Params, transitions: &Transitions, cx: &StageCx<'_>) -> anyhow
         // Fewer links have fewer torques.
         EnvName::ThreePole => Sizes { action: transitions.action_dim, ..Sizes::three_pole() },
     };
-    let sizes = Sizes { slopes: params.slopes == Slopes::Amortized, ..sizes };
+    let mut sizes = Sizes { slopes: params.slopes == Slopes::Amortized, ..sizes };
+    if params.networks == Networks::Dense {
+        sizes = Sizes { convolution: None, encoder: [256; 2], decoder: [256; 2], ..sizes };
+    }
     anyhow::ensure!(!transitions.is_empty(), "there are no transitions to learn from");
     let background = background(&transitions.frames(), transitions.pixels());
     let model = LceModel::new(sizes, background, &mut cx.rng("weights"));

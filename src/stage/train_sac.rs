@@ -84,7 +84,11 @@ impl super::Params for Params {
         match of.preset {
             Preset::Recipe if of.task.env == EnvName::Planar => Self::default(),
             // As long as a swing takes, and paces that fall: what is learned early would be lost again.
-            Preset::Recipe => Self { rollout: 10, last_pace: 0.05, ..Self::default() },
+            Preset::Recipe if of.task.env == EnvName::SwingUp => {
+                Self { rollout: 10, last_pace: 0.05, ..Self::default() }
+            }
+            // Most states of the data fall whatever is done, so critics that also learn to reach them learn little.
+            Preset::Recipe => Self { rollout: 10, last_pace: 0.05, relabel: 0.0, ..Self::default() },
             Preset::Paper => Self {
                 acting_rate: 1.0,
                 temperature: Temperature::Decayed,
