@@ -5,12 +5,13 @@ mod tiny;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use carl_pipe::{
-    artifact::{Artifact, Evaluation, Files, LatentMap, TrainedModel, Transitions},
+    artifact::{Artifact, Evaluation, FigureSummary, Files, LatentMap, ResultSummary, TrainedModel, Transitions},
     control::{Agent, Ilqr, agent::Whitening},
     env::{Environment as _, Planar},
     lce::{Drift, LceModel, Sizes},
     nn::adam::Adam,
     rng::Rng,
+    stats::Summary,
 };
 use rand::SeedableRng as _;
 use serde_json::{Value, json};
@@ -91,6 +92,24 @@ fn map() -> LatentMap {
     }
 }
 
+fn summary() -> ResultSummary {
+    let models = vec![76.8, 77.3];
+    let figure = || FigureSummary { summary: Summary::of(&models).expect("models"), models: models.clone() };
+    let Evaluation { controller, radius, start, horizon, .. } = evaluation();
+    ResultSummary {
+        controller,
+        radius,
+        start,
+        horizon,
+        episodes: vec![10, 10],
+        percent_goal: figure(),
+        policy_alone: figure(),
+        percent_goal_t: figure(),
+        ceiling: Some(78.87),
+        share_of_ceiling: Some(97.7),
+    }
+}
+
 fn all() -> Vec<(Kind, Files)> {
     vec![
         (kind::<Transitions>(), transitions().save().expect("files")),
@@ -99,6 +118,7 @@ fn all() -> Vec<(Kind, Files)> {
         (kind::<Ilqr>(), ilqr().save().expect("files")),
         (kind::<Evaluation>(), evaluation().save().expect("files")),
         (kind::<LatentMap>(), map().save().expect("files")),
+        (kind::<ResultSummary>(), summary().save().expect("files")),
     ]
 }
 
@@ -127,6 +147,7 @@ fn values_survive_the_disk() {
     survives(&evaluation());
     survives(&ilqr());
     survives(&map());
+    survives(&summary());
 }
 
 #[test]

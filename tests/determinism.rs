@@ -215,8 +215,18 @@ fn graph(text: &str) -> Graph {
 fn renaming_a_stage_leaves_its_random_stream_as_it_was() {
     let text = std::fs::read_to_string("pipelines/smoke.toml").expect("a pipeline");
     let mut renamed = text.clone();
-    for name in ["bootstrap", "collect", "represent", "distill", "control", "evaluate", "plan", "evaluate_plan", "map", "summary"]
-    {
+    for name in [
+        "bootstrap",
+        "collect",
+        "represent",
+        "distill",
+        "control",
+        "evaluate",
+        "plan",
+        "evaluate_plan",
+        "map",
+        "summary",
+    ] {
         for (old, new) in [
             (format!("[stages.{name}]"), format!("[stages.other_{name}]")),
             (format!("\"{name}\""), format!("\"other_{name}\"")),

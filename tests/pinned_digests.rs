@@ -23,7 +23,7 @@ const PINNED: &[(&str, &str, u32, &str)] = &[
     ("ilqr", "control_ilqr", 1, "f7be276c8550b30f"),
     ("planned", "evaluate", 1, "a13a6c3e6a9009cb"),
     ("map", "export_latent_map", 1, "dd829a2e5c6dd0cb"),
-    ("summary", "summarize", 1, "af9b2812168d48f0"),
+    ("summary", "summarize", 1, "18deb0c19efd064b"),
 ];
 
 #[test]

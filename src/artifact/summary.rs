@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Artifact, Files, json, tensors::file};
-use crate::{control::rollout::Controller, stats::Summary};
+use crate::{control::rollout::Controller, env::Start, stats::Summary};
 
 /// One figure over models, with the value of each.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -22,6 +22,8 @@ pub struct ResultSummary {
     pub controller: Controller,
     /// Radius of the goal.
     pub radius: f64,
+    /// Where episodes started.
+    pub start: Start,
     /// T.
     pub horizon: usize,
     /// Episodes of each model.

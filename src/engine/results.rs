@@ -194,12 +194,14 @@ impl<'a> Reader<'a> {
 
     /// A protocol is what an evaluation can set but who acts, the rule outside of the policy and how often it is tried.
     fn ceiling(&self, node: &NodeRecord) -> Option<f64> {
-        const FREE: [&str; 3] = ["controller", "episodes", "unstick"];
+        const FREE: [&str; 4] = ["controller", "episodes", "start", "unstick"];
         let (kind, params) = (self.kinds.iter().find(|kind| kind.name == node.kind)?, node.params.as_object()?);
         let own = (kind.preset)(&PresetOf { preset: Preset::Recipe, task: &node.task, given: params });
         let is_own = params.iter().all(|(name, value)| FREE.contains(&name.as_str()) || own[name] == *value);
         let radius = params.get("radius")?.as_f64()?;
-        node.task.ceiling(Protocol { radius }).filter(|_| is_own)
+        let start =
+            params.get("start").and_then(|start| serde_json::from_value(start.clone()).ok()).unwrap_or_default();
+        node.task.ceiling(Protocol { radius, start }).filter(|_| is_own)
     }
 
     /// The figures of an evaluation, and those of other stages of its round at its point.

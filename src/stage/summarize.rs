@@ -31,6 +31,10 @@ inputs! {
     }
 }
 
+fn protocol(evaluation: &Evaluation) -> Protocol {
+    Protocol { radius: evaluation.radius, start: evaluation.start }
+}
+
 pub(super) struct Summarize;
 
 impl Stage for Summarize {
@@ -48,7 +52,7 @@ impl Stage for Summarize {
             let same =
                 (first.controller, first.unstick, first.horizon) == (other.controller, other.unstick, other.horizon);
             ensure!(
-                same && first.radius == other.radius,
+                same && protocol(first) == protocol(other),
                 "evaluations under different protocols cannot be summed up; name those of one task and controller"
             );
         }
@@ -59,7 +63,7 @@ impl Stage for Summarize {
         };
         let percent_goal = figure(|it| it.percent_goal)?;
         let policy_alone = figure(|it| it.policy_alone)?;
-        let ceiling = cx.task.ceiling(Protocol { radius: first.radius });
+        let ceiling = cx.task.ceiling(protocol(first));
         let mean = percent_goal.summary.mean;
         cx.figure("percent_goal", mean);
         if let Some(error) = percent_goal.summary.standard_error {
@@ -69,6 +73,7 @@ impl Stage for Summarize {
         Ok(ResultSummary {
             controller: first.controller,
             radius: first.radius,
+            start: first.start,
             horizon: first.horizon,
             episodes: all.iter().map(|it| it.episodes.len()).collect(),
             percent_goal,
