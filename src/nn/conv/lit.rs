@@ -40,13 +40,11 @@ fn tap_run(first: usize, last: usize) -> usize {
     last * (last + 1) / 2 + first
 }
 
-/// sum += x, for channels in sixteens.
+/// sum += x.
 #[inline(always)]
 fn add<T: Real>(sum: &mut [T], x: &[T]) {
-    for (sum, x) in sum.as_chunks_mut::<16>().0.iter_mut().zip(x.as_chunks::<16>().0) {
-        for i in 0..16 {
-            sum[i] += x[i];
-        }
+    for (sum, &x) in sum.iter_mut().zip(x) {
+        *sum += x;
     }
 }
 
