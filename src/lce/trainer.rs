@@ -70,9 +70,38 @@ pub struct Trainer<T = f32> {
     /// Its optimiser.
     pub adam: Adam<T>,
     settings: AdamSettings,
-    workspace: Workspace<T>,
-    warm_up: WarmUpWorkspace<T>,
+    /// Buffers of the loss or of the warm-up: whichever was asked last, since they are large.
+    buffers: Buffers<T>,
     batch: Gathered<T>,
+}
+
+#[derive(Debug, Default)]
+#[allow(clippy::large_enum_variant, reason = "there is one of it in a trainer")]
+enum Buffers<T> {
+    #[default]
+    None,
+    Loss(Workspace<T>),
+    WarmUp(WarmUpWorkspace<T>),
+}
+
+impl<T: Real> Buffers<T> {
+    fn loss(&mut self, model: &LceModel<T>) -> &mut Workspace<T> {
+        if !matches!(self, Self::Loss(_)) {
+            *self = Self::None;
+            *self = Self::Loss(Workspace::new(model, BATCH));
+        }
+        let Self::Loss(workspace) = self else { unreachable!("made above") };
+        workspace
+    }
+
+    fn warm_up(&mut self, model: &LceModel<T>) -> &mut WarmUpWorkspace<T> {
+        if !matches!(self, Self::WarmUp(_)) {
+            *self = Self::None;
+            *self = Self::WarmUp(WarmUpWorkspace::new(model, BATCH));
+        }
+        let Self::WarmUp(workspace) = self else { unreachable!("made above") };
+        workspace
+    }
 }
 
 /// Buffers for what a batch is gathered into.
@@ -103,9 +132,7 @@ impl<T: Real> Gathered<T> {
 impl<T: Real> Trainer<T> {
     /// Goes on training `model` with the optimiser's state.
     pub fn new(model: LceModel<T>, adam: Adam<T>, settings: AdamSettings) -> Self {
-        let workspace = Workspace::new(&model, BATCH);
-        let warm_up = WarmUpWorkspace::new(&model, BATCH);
-        Self { model, adam, settings, workspace, warm_up, batch: Gathered::default() }
+        Self { model, adam, settings, buffers: Buffers::None, batch: Gathered::default() }
     }
 
     /// Changes the optimiser's step size.
@@ -126,8 +153,9 @@ impl<T: Real> Trainer<T> {
         self.batch.gather(data, which, 2 * self.model.sizes.latent, rng);
         let Gathered { pairs, actions, noise, .. } = &self.batch;
         let batch = WarmUpBatch { pictures: &data.pictures, pairs, actions, noise, decode };
-        let terms = self.warm_up.step(threads, &self.model, settings, &batch);
-        self.adam.step(threads, self.settings, &mut self.model.arena, self.warm_up.gradient());
+        let workspace = self.buffers.warm_up(&self.model);
+        let terms = workspace.step(threads, &self.model, settings, &batch);
+        self.adam.step(threads, self.settings, &mut self.model.arena, workspace.gradient());
         terms
     }
 
@@ -161,8 +189,9 @@ impl<T: Real> Trainer<T> {
             guidance: objective.guidance.map(|_| &guidance[..]),
             regularizer: objective.regularizer.map(|_| &by_sample as Regularizer<'_, T>),
         };
-        let terms = self.workspace.step(threads, &self.model, &objective.weights, &batch);
-        self.adam.step(threads, self.settings, &mut self.model.arena, self.workspace.gradient());
+        let workspace = self.buffers.loss(&self.model);
+        let terms = workspace.step(threads, &self.model, &objective.weights, &batch);
+        self.adam.step(threads, self.settings, &mut self.model.arena, workspace.gradient());
         terms
     }
 }

@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// What a suite may hold at its top level.
-const KEYS: [&str; 5] = ["schema", "name", "description", "seeds", "suite"];
+const KEYS: [&str; 6] = ["schema", "name", "description", "seeds", "set", "suite"];
 /// What a `[suite.name]` may hold.
 const MEMBER_KEYS: [&str; 4] = ["pipeline", "seeds", "set", "labels"];
 
@@ -31,8 +31,25 @@ struct MemberDraft<'i> {
     name: String,
     pipeline: Option<(String, Span)>,
     seeds: Option<(Key<'i>, Tree<'i>)>,
-    set: DeTable<'i>,
+    set: Assigned<'i>,
     labels: DeTable<'i>,
+}
+
+/// What a `set` sets: the keys of each path, and its value.
+type Assigned<'i> = Vec<(Vec<Key<'i>>, Tree<'i>)>;
+
+fn path_of(keys: &[Key<'_>]) -> String {
+    keys.iter().map(|key| key.get_ref().as_ref()).collect::<Vec<&str>>().join(".")
+}
+
+/// What the top level of a suite says.
+#[derive(Debug)]
+struct Top<'i> {
+    name: String,
+    description: String,
+    /// For all members that have the stage.
+    set: Assigned<'i>,
+    drafts: Vec<MemberDraft<'i>>,
 }
 
 /// A member's file, read.
@@ -51,17 +68,19 @@ pub(super) fn load(
     read: Reader<'_>,
 ) -> Result<Graph, Diagnostics> {
     let mut mistakes = Vec::new();
-    let (name, description, drafts) = top_level(&mut table, &mut mistakes);
+    let Top { name, description, set, drafts } = top_level(&mut table, &mut mistakes);
     let files: Vec<_> = drafts.iter().map(|draft| file_of(draft, read, &mut mistakes)).collect();
     let stages: Vec<Heads> = files.iter().map(|file| Heads::of(file.as_ref())).collect();
     let names: Vec<&str> = drafts.iter().map(|draft| draft.name.as_str()).collect();
     mistakes.extend(sources.texts().skip(1).filter_map(|it| nobodys(&Argument::read(it), &names, &stages)));
+    let unreached = set.iter().filter(|(keys, _)| !stages.iter().any(|heads| heads.has(&path_of(keys))));
+    mistakes.extend(unreached.map(|(keys, _)| no_such_stage(keys[0].span(), keys[0].get_ref(), &[], &stages)));
     let suite_text = sources.texts().next().map_or("", |(_, text)| text);
     let mut graph = Graph { name, description, members: Vec::new(), nodes: Vec::new() };
     let mut wrong = Vec::new();
     for ((draft, file), heads) in drafts.iter().zip(files).zip(&stages) {
         let Some(file) = file else { continue };
-        let around = Around { suite: (path, suite_text), overrides, names: &names, heads };
+        let around = Around { suite: (path, suite_text), set: &set, overrides, names: &names, heads };
         match member(draft, &file, &around, kinds) {
             Ok(loaded) => join(&mut graph, draft, file, loaded),
             Err(mistakes) => wrong.push(mistakes),
@@ -93,7 +112,7 @@ fn file_of(draft: &MemberDraft<'_>, read: Reader<'_>, mistakes: &mut Vec<Diagnos
 }
 
 /// Reads the top level: name, description, and the members with their own seeds or those of the suite.
-fn top_level<'i>(table: &mut DeTable<'i>, mistakes: &mut Vec<Diagnostic>) -> (String, String, Vec<MemberDraft<'i>>) {
+fn top_level<'i>(table: &mut DeTable<'i>, mistakes: &mut Vec<Diagnostic>) -> Top<'i> {
     refuse_infinite_in(table, mistakes);
     for key in table.keys().filter(|key| !KEYS.contains(&key.get_ref().as_ref())) {
         let mistake = Diagnostic::at(key.span(), format!("a suite has no `{}`", key.get_ref()));
@@ -110,6 +129,7 @@ fn top_level<'i>(table: &mut DeTable<'i>, mistakes: &mut Vec<Diagnostic>) -> (St
     }
     let description = text_of(table.remove("description"), "description", mistakes);
     let seeds = table.remove_entry("seeds");
+    let set = assigned(table.remove("set"), mistakes);
     let members = table_of(table.remove("suite"), "suite", mistakes).map(|(table, _)| table).unwrap_or_default();
     if members.is_empty() {
         let mistake = Diagnostic::at(0..0, "the suite has no pipelines");
@@ -122,7 +142,14 @@ fn top_level<'i>(table: &mut DeTable<'i>, mistakes: &mut Vec<Diagnostic>) -> (St
             drafts.push(member_draft(&key, table, seeds.as_ref(), mistakes));
         }
     }
-    (name.unwrap_or_default().0, description.unwrap_or_default().0, drafts)
+    Top { name: name.unwrap_or_default().0, description: description.unwrap_or_default().0, set, drafts }
+}
+
+fn assigned<'i>(set: Option<Tree<'i>>, mistakes: &mut Vec<Diagnostic>) -> Assigned<'i> {
+    let mut flat = Vec::new();
+    let table = table_of(set, "set", mistakes).map(|(table, _)| table).unwrap_or_default();
+    matrix::flatten(&[], table, &mut flat);
+    flat
 }
 
 fn member_draft<'i>(
@@ -142,8 +169,8 @@ fn member_draft<'i>(
         mistakes.push(mistake.help("write `pipeline = \"file.toml\"`, a path from the folder of the suite"));
     }
     let span = pipeline.as_ref().map_or(0..0, Spanned::span);
-    let mut below = |name: &str| table_of(table.remove(name), name, mistakes).map(|(it, _)| it).unwrap_or_default();
-    let (set, labels) = (below("set"), below("labels"));
+    let set = assigned(table.remove("set"), mistakes);
+    let labels = table_of(table.remove("labels"), "labels", mistakes).map(|(it, _)| it).unwrap_or_default();
     MemberDraft {
         name: key.get_ref().to_string(),
         pipeline: typed::<String>(pipeline, "pipeline", mistakes).map(|path| (path, span)),
@@ -200,17 +227,22 @@ fn nobodys(argument: &Argument<'_>, names: &[&str], all: &[Heads]) -> Option<Dia
     }
     let head = path.split('.').next().unwrap_or_default();
     let at = argument.base + (argument.assignment.len() - argument.assignment.trim_start().len());
+    Some(no_such_stage(at..at + head.len(), head, names, all))
+}
+
+fn no_such_stage(span: Span, head: &str, names: &[&str], all: &[Heads]) -> Diagnostic {
     let stages = all.iter().flat_map(|heads| heads.stages.iter().map(String::as_str));
     let mut known: Vec<&str> = stages.chain(names.iter().copied()).chain(["seed", "preset", "task"]).collect();
     known.sort_unstable();
     known.dedup();
-    let mistake = Diagnostic::at(at..at + head.len(), format!("no pipeline of the suite has a stage `{head}`"));
-    Some(mistake.help(instead(head, "a path begins with one of", known)))
+    let mistake = Diagnostic::at(span, format!("no pipeline of the suite has a stage `{head}`"));
+    mistake.help(instead(head, "a path begins with one of", known))
 }
 
 /// What a member is loaded with.
 struct Around<'a> {
     suite: (&'a str, &'a str),
+    set: &'a Assigned<'a>,
     overrides: &'a Overrides,
     names: &'a [&'a str],
     heads: &'a Heads,
@@ -235,7 +267,7 @@ fn member(
             return Err(vec![mistake.help("name its pipelines here")]);
         }
         let arguments: Vec<Argument<'_>> = sources.texts().skip(2).filter_map(|it| own(it, draft, around)).collect();
-        graph_of(document, &sources, &arguments, addition(draft, base, &arguments), kinds)
+        graph_of(document, &sources, &arguments, addition(draft, around, base, &arguments), kinds)
     });
     loaded.map_err(|mistakes| Diagnostics::new(sources, mistakes))
 }
@@ -251,21 +283,29 @@ fn own<'i>(text: (usize, &'i str), draft: &MemberDraft<'_>, around: &Around<'_>)
 }
 
 /// What the suite says, with its places moved to where its text lies among the member's sources.
-fn addition<'i>(draft: &MemberDraft<'i>, base: usize, arguments: &[Argument<'_>]) -> Addition<'i> {
-    let moved = |table: &DeTable<'i>| {
-        let tree = shifted(Spanned::new(0..0, DeValue::Table(table.clone())), base);
-        match tree.into_inner() {
-            DeValue::Table(table) => table,
-            other => unreachable!("a table became {}", what(&other)),
-        }
+fn addition<'i>(
+    draft: &MemberDraft<'i>,
+    around: &Around<'i>,
+    base: usize,
+    arguments: &[Argument<'_>],
+) -> Addition<'i> {
+    let place = |keys: &[Key<'i>], value: &Tree<'i>| {
+        let key = |key: &Key<'i>| Spanned::new(key.span().start + base..key.span().end + base, key.get_ref().clone());
+        (keys.iter().map(key).collect::<Vec<_>>(), shifted(value.clone(), base))
     };
-    let mut set = Vec::new();
-    matrix::flatten(&[], moved(&draft.set), &mut set);
-    // So do its axes: what they vary is not set.
+    // What a member sets itself, it sets last.
+    let shared = around.set.iter().filter(|(keys, _)| around.heads.has(&path_of(keys)));
+    let shared = shared.filter(|(keys, _)| draft.set.iter().all(|(own, _)| path_of(own) != path_of(keys)));
+    let mut set: Vec<_> = shared.chain(&draft.set).map(|(keys, value)| place(keys, value)).collect();
+    // Axes of the command line win: what they vary is not set.
     set.retain(|(keys, _)| {
-        let path = keys.iter().map(|key| key.get_ref().as_ref()).collect::<Vec<&str>>().join(".");
-        !arguments.iter().any(|argument| argument.is_sweep && argument.path() == path)
+        !arguments.iter().any(|argument| argument.is_sweep && argument.path() == path_of(keys))
     });
+    let labels = shifted(Spanned::new(0..0, DeValue::Table(draft.labels.clone())), base);
+    let labels = match labels.into_inner() {
+        DeValue::Table(table) => table,
+        other => unreachable!("a table became {}", what(&other)),
+    };
     // Seeds of the command line replace those of the suite.
     let seeds = draft.seeds.as_ref().filter(|_| arguments.iter().all(|argument| argument.path() != "seed"));
     let seeds = seeds.map(|(key, values)| {
@@ -273,7 +313,7 @@ fn addition<'i>(draft: &MemberDraft<'i>, base: usize, arguments: &[Argument<'_>]
         let axis = Spanned::new(span.start + base..span.end + base, "seed".into());
         Sweep { axis, values: shifted(values.clone(), base) }
     });
-    Addition { seeds, set, labels: moved(&draft.labels) }
+    Addition { seeds, set, labels }
 }
 
 /// Appends a member's graph.
