@@ -283,12 +283,7 @@ fn own<'i>(text: (usize, &'i str), draft: &MemberDraft<'_>, around: &Around<'_>)
 }
 
 /// What the suite says, with its places moved to where its text lies among the member's sources.
-fn addition<'i>(
-    draft: &MemberDraft<'i>,
-    around: &Around<'i>,
-    base: usize,
-    arguments: &[Argument<'_>],
-) -> Addition<'i> {
+fn addition<'i>(draft: &MemberDraft<'i>, around: &Around<'i>, base: usize, arguments: &[Argument<'_>]) -> Addition<'i> {
     let place = |keys: &[Key<'i>], value: &Tree<'i>| {
         let key = |key: &Key<'i>| Spanned::new(key.span().start + base..key.span().end + base, key.get_ref().clone());
         (keys.iter().map(key).collect::<Vec<_>>(), shifted(value.clone(), base))
@@ -298,9 +293,7 @@ fn addition<'i>(
     let shared = shared.filter(|(keys, _)| draft.set.iter().all(|(own, _)| path_of(own) != path_of(keys)));
     let mut set: Vec<_> = shared.chain(&draft.set).map(|(keys, value)| place(keys, value)).collect();
     // Axes of the command line win: what they vary is not set.
-    set.retain(|(keys, _)| {
-        !arguments.iter().any(|argument| argument.is_sweep && argument.path() == path_of(keys))
-    });
+    set.retain(|(keys, _)| !arguments.iter().any(|argument| argument.is_sweep && argument.path() == path_of(keys)));
     let labels = shifted(Spanned::new(0..0, DeValue::Table(draft.labels.clone())), base);
     let labels = match labels.into_inner() {
         DeValue::Table(table) => table,

@@ -110,8 +110,14 @@ fn check(series: &[Series], name: &str) -> Result<(), Error> {
 /// Names what tells apart the series that would share a cell, part by part until nothing is left to tell.
 fn tell_apart(series: &mut [Series], rows: &str, cols: &str) {
     let place = |it: &Series| (field(it.first(), rows), field(it.first(), cols), it.aside.clone());
-    let parts: [&dyn Fn(&Outcome) -> String; 7] = [
+    let other_labels = |it: &Outcome| {
+        let others =
+            it.member.labels.iter().filter(|(name, _)| !["algorithm", "paper", rows, cols].contains(&name.as_str()));
+        others.map(|(_, value)| value.as_str()).collect::<Vec<_>>().join(" ")
+    };
+    let parts: [&dyn Fn(&Outcome) -> String; 8] = [
         &|it| it.stage.clone(),
+        &other_labels,
         &|it| it.member.pipeline.clone(),
         &|it| it.point.iter().map(|(axis, value)| format!("{axis}={value}")).collect::<Vec<_>>().join(" "),
         &|it| field(it, "algorithm"),
