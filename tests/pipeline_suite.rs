@@ -89,6 +89,24 @@ fn a_member_has_its_seeds_its_values_and_its_labels() {
 }
 
 #[test]
+fn values_of_the_suite_reach_the_members_that_have_the_stage_and_have_not_set_them() {
+    let with = |set: &str| SUITE.replace("seeds = \"0..3\"", &format!("seeds = \"0..3\"\nset = {{ {set} }}"));
+    let graph = try_load(&with("rounds = 3, \"represent.epochs\" = 6, data.samples = 9"), &[], &[]).unwrap();
+    let epochs = |name: &str| node(&graph, name).params["epochs"].clone();
+    assert_eq!((epochs("online/represent@1[seed=0]"), epochs("short/represent@1[seed=7]")), (6.into(), 3.into()));
+    assert_eq!(node(&graph, "one/data[seed=0]").params["samples"], 9);
+    assert!(graph.nodes.iter().any(|node| node.name == "online/represent@2[seed=0]"));
+    assert!(graph.nodes.iter().all(|node| node.name != "online/represent@3[seed=0]"));
+    assert!(graph.nodes.iter().all(|node| node.name != "short/represent@2[seed=7]"));
+    // The command line wins.
+    let graph = try_load(&with("\"represent.epochs\" = 6"), &["represent.epochs=8"], &[]).unwrap();
+    assert_eq!(node(&graph, "online/represent@1[seed=0]").params["epochs"], 8);
+    let mistakes = try_load(&with("represend.epochs = 6"), &[], &[]).unwrap_err().render(false);
+    assert!(mistakes.contains("no pipeline of the suite has a stage `represend`"), "{mistakes}");
+    assert!(mistakes.contains("did you mean `represent`?"), "{mistakes}");
+}
+
+#[test]
 fn arguments_reach_the_members_that_they_concern() {
     let graph = suite(&["represent.epochs=9", "short.evaluate.episodes=2", "one/data.samples=3"], &["seed=1,2"]);
     assert_eq!(node(&graph, "online/represent@1[seed=1]").params["epochs"], 9);
