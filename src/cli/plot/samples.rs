@@ -13,10 +13,10 @@ use crate::{
     stats,
 };
 
-const WIDTH: f64 = 860.0;
+const WIDTH: f64 = 920.0;
 const HEIGHT: f64 = 430.0;
 const LEFT: f64 = 62.0;
-const RIGHT: f64 = WIDTH - 250.0;
+const RIGHT: f64 = WIDTH - 310.0;
 const TOP: f64 = 52.0;
 const BOTTOM: f64 = HEIGHT - 52.0;
 const INSET: f64 = 14.0;
