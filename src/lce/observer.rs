@@ -2,7 +2,7 @@
 
 use super::{
     encoder::{EncoderPass, Ready},
-    model::LceModel,
+    model::{AT_ONCE, LceModel},
 };
 use crate::nn::{Real, heads, pictures::Pictures};
 
@@ -47,12 +47,31 @@ impl<'a, T: Real> Observer<'a, T> {
 impl<T: Real> LceModel<T> {
     /// E(·|x) for every picture: means, then log standard deviations, one column each.
     pub fn encode(&self, pictures: &Pictures) -> Vec<T> {
-        Observer::new(self, pictures.len().min(super::model::AT_ONCE)).codes(pictures)
+        Observer::new(self, pictures.len().clamp(1, AT_ONCE)).codes(pictures)
     }
 
     /// Means of E(·|x) for every picture, one column each.
     pub fn encode_means(&self, pictures: &Pictures) -> Vec<T> {
         let codes = self.encode(pictures);
         codes.chunks_exact(2 * self.sizes.latent).flat_map(|code| heads::halves(code).0).copied().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+
+    use crate::{
+        lce::{LceModel, Sizes},
+        rng::Rng,
+    };
+
+    #[test]
+    fn no_pictures_have_no_codes() {
+        for sizes in [Sizes::planar(), Sizes::cart_pole()] {
+            let background = vec![0; sizes.pixels];
+            let model: LceModel = LceModel::new(sizes, background, &mut Rng::seed_from_u64(1));
+            assert!(model.encode(&model.pictures(&[])).is_empty());
+        }
     }
 }

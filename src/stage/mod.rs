@@ -66,6 +66,17 @@ pub trait Params: Serialize + DeserializeOwned + Default + schemars::JsonSchema 
     }
 }
 
+/// The parameters of a kind that has none.
+#[derive(Debug, Default, Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct NoParams {}
+
+impl Params for NoParams {
+    fn preset(_: &PresetOf<'_>) -> Self {
+        Self::default()
+    }
+}
+
 /// A parameter that cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refusal {

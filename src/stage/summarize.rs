@@ -3,26 +3,13 @@
 //! The unit is a model with its mean over its episodes; intervals are percentile bootstraps that resample models. It
 //! refuses evaluations under different protocols, whose mean would mean nothing.
 
-use anyhow::{Context as _, ensure};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-use super::{PresetOf, Stage, StageCx, inputs};
+use super::{NoParams, Stage, StageCx, inputs};
 use crate::{
     artifact::{Evaluation, FigureSummary, ResultSummary},
     env::Protocol,
     stats::Summary,
 };
-
-#[derive(Debug, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct Params {}
-
-impl super::Params for Params {
-    fn preset(_: &PresetOf<'_>) -> Self {
-        Self::default()
-    }
-}
+use anyhow::{Context as _, ensure};
 
 inputs! {
     pub(super) struct Inputs {
@@ -41,11 +28,11 @@ impl Stage for Summarize {
     const KIND: &'static str = "summarize";
     const VERSION: u32 = 1;
     const ABOUT: &'static str = "mean, standard error, bootstrap interval, best and worst over models";
-    type Params = Params;
+    type Params = NoParams;
     type Inputs = Inputs;
     type Output = ResultSummary;
 
-    fn run(_: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<ResultSummary> {
+    fn run(_: &NoParams, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<ResultSummary> {
         let all = inputs.evaluations;
         let first = all.first().context("there is no evaluation")?;
         for other in &all {

@@ -9,12 +9,12 @@ use super::{
     Conv, Kernels,
     kernels::{accumulate, correlate},
     lit::{Lit, Run},
-    shares::{SHARES, Shares, by_layer, pictures_of},
+    shares::{Shares, Slots, by_layer},
     spans::Spans,
 };
 use crate::nn::{
     Real,
-    columns::{Block, BlockMut, Cut, MOST_THREADS, cut_together, over_samples},
+    columns::{Block, BlockMut, Cut, MOST_THREADS},
     mat::Into,
     mlp::{Layout, sum_columns},
     pictures::Pictures,
@@ -65,17 +65,6 @@ pub struct Slot<T> {
     runs: Vec<[usize; 2]>,
 }
 
-/// A slot for every thread.
-#[derive(Debug)]
-pub struct Slots<'a, T>(&'a mut [Slot<T>]);
-
-impl<T> Cut for Slots<'_, T> {
-    fn cut(self, _: usize) -> (Self, Self) {
-        let (left, right) = self.0.split_at_mut(self.0.len() / 2);
-        (Self(left), Self(right))
-    }
-}
-
 /// Buffers of a pass.
 #[derive(Debug, Clone)]
 pub struct LitPass<T, const L: usize> {
@@ -88,7 +77,7 @@ pub struct LitPass<T, const L: usize> {
 #[derive(Debug)]
 pub struct LitMut<'a, T, const L: usize> {
     outs: [BlockMut<'a, T>; L],
-    slots: Slots<'a, T>,
+    slots: Slots<'a, Slot<T>>,
 }
 
 impl<T: Real, const L: usize> LitPass<T, L> {
@@ -111,13 +100,6 @@ impl<T: Real, const L: usize> Cut for LitMut<'_, T, L> {
         let (outs, outs_right) = self.outs.cut(samples);
         let (slots, slots_right) = self.slots.cut(samples);
         (Self { outs, slots }, Self { outs: outs_right, slots: slots_right })
-    }
-}
-
-cut_together! {
-    struct Columns<'a, T> {
-        sums: BlockMut<'a, T>,
-        slots: Slots<'a, T>,
     }
 }
 
@@ -318,32 +300,27 @@ impl<const L: usize> LitStack<L> {
         d_flat: &[T],
         shares: &mut Shares<T>,
     ) {
-        shares.sums.data.fill(T::nil());
         let outs = &pass.outs;
-        let columns = Columns { sums: shares.sums.view(SHARES), slots: Slots(&mut pass.slots) };
-        over_samples(threads, 0, SHARES, columns, &|first, count, mut c| {
-            let slot = &mut c.slots.0[0];
-            for share in 0..count {
-                slot.begin_share(ready);
-                let (mut sums, lit_sums) = by_layer(&self.convs, c.sums.of(share));
-                for i in pictures_of(first + share, which.len()) {
-                    let out = |l: usize| &outs[l].data[i * self.convs[l].width()..][..self.convs[l].width()];
-                    self.show((arena, ready), (pictures, which[i]), slot);
-                    (0..L - 1).for_each(|l| slot.pass_on(&self.convs, l, out(l)));
-                    slot.take_top(self.top(), &d_flat[i * self.top().pixels()..]);
-                    for (l, conv) in self.convs.iter().enumerate().rev() {
-                        slot.rectify_deltas(conv, l, None, out(l));
-                        let (runs, deltas) = (Some(slot.spans[l + 1].runs()), conv.deltas(&slot.deltas[l]));
-                        accumulate(&conv.forward, runs, &slot.inputs[l], deltas, sums[l][0]);
-                        let within = Some((&slot.spans[l], &mut slot.runs));
-                        conv.d_input(&ready.kernels[l], &slot.deltas[l], within, &mut slot.d_out);
-                    }
-                    let Slot { lit, spans, inputs, d_out, lit_before, .. } = &mut *slot;
-                    self.lit.gradient((lit, &spans[0]), &self.convs[0], &inputs[0], d_out, lit_sums, lit_before);
-                    slot.restore(&self.convs, ready);
+        shares.sum(threads, which.len(), &mut pass.slots, &|pictures_of_share, sums, slot| {
+            slot.begin_share(ready);
+            let (mut sums, lit_sums) = by_layer(&self.convs, sums);
+            for i in pictures_of_share {
+                let out = |l: usize| &outs[l].data[i * self.convs[l].width()..][..self.convs[l].width()];
+                self.show((arena, ready), (pictures, which[i]), slot);
+                (0..L - 1).for_each(|l| slot.pass_on(&self.convs, l, out(l)));
+                slot.take_top(self.top(), &d_flat[i * self.top().pixels()..]);
+                for (l, conv) in self.convs.iter().enumerate().rev() {
+                    slot.rectify_deltas(conv, l, None, out(l));
+                    let (runs, deltas) = (Some(slot.spans[l + 1].runs()), conv.deltas(&slot.deltas[l]));
+                    accumulate(&conv.forward, runs, &slot.inputs[l], deltas, sums[l][0]);
+                    let within = Some((&slot.spans[l], &mut slot.runs));
+                    conv.d_input(&ready.kernels[l], &slot.deltas[l], within, &mut slot.d_out);
                 }
-                self.blank_gradient(arena, ready, slot, &mut sums, lit_sums);
+                let Slot { lit, spans, inputs, d_out, lit_before, .. } = &mut *slot;
+                self.lit.gradient((lit, &spans[0]), &self.convs[0], &inputs[0], d_out, lit_sums, lit_before);
+                slot.restore(&self.convs, ready);
             }
+            self.blank_gradient(arena, ready, slot, &mut sums, lit_sums);
         });
         let sums = shares.unfold(&self.convs, gradient);
         self.lit.unfold(sums, gradient);

@@ -1,17 +1,46 @@
 //! Gradients of convolutions' weights, summed over equal shares of a batch, in order, and then over the shares: no sum
 //! depends on how many threads there were.
 
+use std::ops::Range;
+
 use super::Conv;
-use crate::nn::{Real, columns::Block, vectorize};
+use crate::nn::{
+    Real,
+    columns::{Block, BlockMut, Cut, over_samples},
+    vectorize,
+};
 
 /// Shares of a batch.
-pub(super) const SHARES: usize = 8;
+const SHARES: usize = 8;
+
+/// What every thread has of its own, one for each.
+#[derive(Debug)]
+pub struct Slots<'a, S>(pub(super) &'a mut [S]);
+
+impl<S> Cut for Slots<'_, S> {
+    fn cut(self, _: usize) -> (Self, Self) {
+        let (left, right) = self.0.split_at_mut(self.0.len() / 2);
+        (Self(left), Self(right))
+    }
+}
+
+struct Columns<'a, T, S> {
+    sums: BlockMut<'a, T>,
+    slots: Slots<'a, S>,
+}
+
+impl<T, S> Cut for Columns<'_, T, S> {
+    fn cut(self, samples: usize) -> (Self, Self) {
+        let ((sums, right), (slots, slots_right)) = (self.sums.cut(samples), self.slots.cut(samples));
+        (Self { sums, slots }, Self { sums: right, slots: slots_right })
+    }
+}
 
 /// For every share the sums of each layer: the core's weights, then its biases; the caller's own come last.
 #[derive(Debug, Clone)]
 pub struct Shares<T> {
     width: usize,
-    pub(super) sums: Block<T>,
+    sums: Block<T>,
 }
 
 impl<T: Real> Shares<T> {
@@ -19,6 +48,24 @@ impl<T: Real> Shares<T> {
     pub(super) fn new(convs: &[Conv], more: usize) -> Self {
         let width = convs.iter().map(|conv| conv.forward.weights() + conv.forward.c_out).sum::<usize>() + more;
         Self { width, sums: Block::new(width, SHARES) }
+    }
+
+    /// Begins the sums anew: calls `add` for each share, with its pictures, its sums, and what the thread has of its own.
+    pub(super) fn sum<S: Send>(
+        &mut self,
+        threads: usize,
+        pictures: usize,
+        slots: &mut [S],
+        add: &(impl Fn(Range<usize>, &mut [T], &mut S) + Sync),
+    ) {
+        self.sums.data.fill(T::nil());
+        let columns = Columns { sums: self.sums.view(SHARES), slots: Slots(slots) };
+        over_samples(threads, 0, SHARES, columns, &|first, count, mut c| {
+            for share in 0..count {
+                let [low, high] = [first + share, first + share + 1].map(|share| pictures * share / SHARES);
+                add(low..high, c.sums.of(share), &mut c.slots.0[0]);
+            }
+        });
     }
 
     /// Adds the shares up, sets the layers' gradients, and gives the caller's own sums.
@@ -63,9 +110,4 @@ pub(super) fn by_layer<'a, T, const L: usize>(
         [dw, db]
     });
     (layers, sums)
-}
-
-/// The pictures of a share.
-pub(super) fn pictures_of(share: usize, pictures: usize) -> std::ops::Range<usize> {
-    pictures * share / SHARES..pictures * (share + 1) / SHARES
 }

@@ -5,11 +5,11 @@
 use super::{
     Conv, Kernels,
     kernels::{accumulate, correlate},
-    shares::{SHARES, Shares, by_layer, pictures_of},
+    shares::{Shares, Slots, by_layer},
 };
 use crate::nn::{
     Real,
-    columns::{BlockMut, Cut, MOST_THREADS, over_samples},
+    columns::{Cut, MOST_THREADS},
     mlp::{Pass, PassMut},
     vectorize,
 };
@@ -48,17 +48,6 @@ impl<T: Real> Scratch<T> {
     }
 }
 
-/// The slots of some threads.
-#[derive(Debug)]
-pub struct ScratchMut<'a, T>(&'a mut [Slot<T>]);
-
-impl<T> Cut for ScratchMut<'_, T> {
-    fn cut(self, _: usize) -> (Self, Self) {
-        let (left, right) = self.0.split_at_mut(self.0.len() / 2);
-        (Self(left), Self(right))
-    }
-}
-
 /// Buffers of a pass.
 #[derive(Debug, Clone)]
 pub struct StackPass<T, const L: usize> {
@@ -71,7 +60,7 @@ pub struct StackPass<T, const L: usize> {
 pub struct StackMut<'a, T, const L: usize> {
     /// What each core put out, and its deltas.
     pub layers: PassMut<'a, T, L>,
-    scratch: ScratchMut<'a, T>,
+    scratch: Slots<'a, Slot<T>>,
 }
 
 impl<T: Real, const L: usize> StackPass<T, L> {
@@ -83,7 +72,7 @@ impl<T: Real, const L: usize> StackPass<T, L> {
 
     /// The first `samples` samples.
     pub fn view(&mut self, samples: usize) -> StackMut<'_, T, L> {
-        StackMut { layers: self.layers.view(samples), scratch: ScratchMut(&mut self.scratch.0) }
+        StackMut { layers: self.layers.view(samples), scratch: Slots(&mut self.scratch.0) }
     }
 }
 
@@ -185,17 +174,11 @@ impl<const L: usize> Stack<L> {
         fill: &(impl Fn(usize, &mut [T]) + Sync),
     ) {
         let pictures = pass.layers.out[0].len() / self.convs[0].width();
-        shares.sums.data.fill(T::nil());
         let layers = &pass.layers;
-        let columns = ShareMut { sums: shares.sums.view(SHARES), scratch: ScratchMut(&mut *pass.scratch.0) };
-        over_samples(threads, 0, SHARES, columns, &|first, count, mut c| {
-            let slot = &mut c.scratch.0[0];
-            for share in 0..count {
-                let sums = c.sums.of(share);
-                for picture in pictures_of(first + share, pictures) {
-                    fill(picture, &mut slot.inputs[0]);
-                    self.picture_gradient(picture, layers, slot, sums);
-                }
+        shares.sum(threads, pictures, pass.scratch.0, &|pictures, sums, slot| {
+            for picture in pictures {
+                fill(picture, &mut slot.inputs[0]);
+                self.picture_gradient(picture, layers, slot, sums);
             }
         });
         shares.unfold(&self.convs, gradient);
@@ -217,19 +200,6 @@ impl<const L: usize> Stack<L> {
                 conv.spread(of(layers.out[l], conv.width(), picture), next, &mut slot.inputs[l + 1]);
             }
         }
-    }
-}
-
-struct ShareMut<'a, T> {
-    sums: BlockMut<'a, T>,
-    scratch: ScratchMut<'a, T>,
-}
-
-impl<T> Cut for ShareMut<'_, T> {
-    fn cut(self, samples: usize) -> (Self, Self) {
-        let (sums, right) = self.sums.cut(samples);
-        let (scratch, scratch_right) = self.scratch.cut(samples);
-        (Self { sums, scratch }, Self { sums: right, scratch: scratch_right })
     }
 }
 
