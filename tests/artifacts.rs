@@ -46,6 +46,7 @@ fn model() -> TrainedModel {
         slopes: true,
         drift: Drift::None,
         convolution: None,
+        squares: None,
         pixels: 6,
         latent: 2,
         action: 1,

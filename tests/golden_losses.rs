@@ -47,6 +47,7 @@ impl Golden {
             slopes,
             drift: Drift::None,
             convolution: None,
+            squares: None,
             pixels: self.shape("x")[1],
             latent: self.shape("eps_ze")[1],
             action: self.shape("u")[1],

@@ -16,7 +16,7 @@ use carl_pipe::{
         mat::Into,
         mlp::{Layout, Linear, Mlp, Pass},
         noise,
-        pictures::Pictures,
+        pictures::{Pictures, Squares},
     },
     rng::Rng,
 };
@@ -244,6 +244,7 @@ fn case(latent: usize, action: usize) -> Case {
         latent,
         action,
         convolution: None,
+        squares: None,
         encoder: [7, 6],
         decoder: [5, 7],
         dynamics: [6, 5],
@@ -260,11 +261,18 @@ fn convolutional_case() -> Case {
         latent: 3,
         action: 2,
         convolution: Some([2, 16, 24]),
+        squares: None,
         encoder: [2 * 6, 7],
         decoder: [6, 3 * 6],
         dynamics: [6, 5],
         backward: [3, 4, 5, 6],
     })
+}
+
+/// Six squares of 2x2 pixels.
+fn squares_case() -> Case {
+    let Case { model, .. } = case(2, 1);
+    case_of(Sizes { pixels: 4 * 6, squares: Some(Squares { columns: 6, side: 2 }), ..model.sizes })
 }
 
 /// With heads for F's slopes.
@@ -326,7 +334,7 @@ fn some_of(layers: &[(String, Linear)], each: usize) -> Vec<(String, Vec<usize>)
 #[test]
 fn the_gradient_of_the_whole_warm_up_equals_finite_differences() {
     let settings = WarmUp { sigma: 0.4, scale: 0.8, anchor: 3.0, outlier: 1.5, shrink: 0.05 };
-    for case in [case(2, 2), case(3, 1), amortized_case(), drifting_case(), convolutional_case()] {
+    for case in [case(2, 2), case(3, 1), amortized_case(), drifting_case(), squares_case(), convolutional_case()] {
         let latent = case.model.sizes.latent;
         let run = |arena: &[f64]| {
             let model = LceModel { arena: arena.to_vec(), ..case.model.clone() };
@@ -415,7 +423,7 @@ fn every_weight() -> Weights {
 
 #[test]
 fn the_gradient_of_the_whole_objective_equals_finite_differences() {
-    for case in [case(2, 2), case(3, 1), amortized_case(), drifting_case(), convolutional_case()] {
+    for case in [case(2, 2), case(3, 1), amortized_case(), drifting_case(), squares_case(), convolutional_case()] {
         for guided in [false, true] {
             let run = |arena: &[f64]| objective(&case, arena, &every_weight(), guided);
             let (total, terms, gradient) = run(&case.model.arena);

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     lce::{Drift, LceModel, Sizes, model::Nets},
-    nn::{adam::Adam, mlp::Layout},
+    nn::{adam::Adam, mlp::Layout, pictures::Squares},
 };
 
 /// A model and its optimiser.
@@ -89,8 +89,19 @@ impl Artifact for TrainedModel {
 
     fn load(files: &Files) -> anyhow::Result<Self> {
         let About { sizes, adam_steps } = serde_json::from_slice(file(files, "model.json")?)?;
-        let Sizes { pixels, latent, action, convolution, encoder, decoder, dynamics, backward, slopes: _, drift: _ } =
-            &sizes;
+        let Sizes {
+            pixels,
+            latent,
+            action,
+            convolution,
+            squares,
+            encoder,
+            decoder,
+            dynamics,
+            backward,
+            slopes: _,
+            drift: _,
+        } = &sizes;
         check_widths(
             [pixels, latent, action].into_iter().chain(encoder).chain(decoder).chain(dynamics).chain(backward),
         )?;
@@ -104,6 +115,16 @@ impl Artifact for TrainedModel {
                     && encoder[0].is_multiple_of(smallest)
                     && decoder[1].is_multiple_of(smallest),
                 "convolutions of {frames} frames of {rows} x {columns} do not go with the other widths"
+            );
+        }
+        if let Some(Squares { columns, side }) = *squares {
+            check_widths(&[columns])?;
+            ensure!(
+                (1..=15).contains(&side)
+                    && columns % side == 0
+                    && pixels % (columns * side) == 0
+                    && convolution.is_none(),
+                "squares of {side} pixels in {columns} columns do not go with pictures of {pixels} pixels"
             );
         }
         let nets = Nets::new(&sizes);

@@ -87,7 +87,7 @@ impl Backward {
         Self {
             z: layout.linear("backward.z", sizes.latent, n_z),
             u: layout.linear("backward.u", sizes.action, n_u),
-            x: layout.linear("backward.x", sizes.pixels, n_x),
+            x: layout.linear("backward.x", sizes.entries(), n_x),
             joint: layout.linear("backward.joint", n_z + n_u + n_x, n_joint),
             head: layout.linear("backward.head", n_joint, 2 * sizes.latent),
         }

@@ -103,7 +103,7 @@ impl Decoder {
             return Self::Dense(layout.mlp(
                 "decoder",
                 sizes.latent,
-                [sizes.decoder[0], sizes.decoder[1], sizes.pixels],
+                [sizes.decoder[0], sizes.decoder[1], sizes.entries()],
             ));
         };
         let dense = layout.mlp("decoder.dense", sizes.latent, sizes.decoder);

@@ -112,7 +112,7 @@ impl Encoder {
     pub(super) fn new(layout: &mut Layout, sizes: &Sizes) -> Self {
         let codes = 2 * sizes.latent;
         let Some([frames, rows, columns]) = sizes.convolution else {
-            return Self::Dense(layout.mlp("encoder", sizes.pixels, [sizes.encoder[0], sizes.encoder[1], codes]));
+            return Self::Dense(layout.mlp("encoder", sizes.entries(), [sizes.encoder[0], sizes.encoder[1], codes]));
         };
         let [flat, hidden] = sizes.encoder;
         let half = |[rows, columns]: [usize; 2]| [rows.div_ceil(2), columns.div_ceil(2)];

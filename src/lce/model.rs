@@ -10,7 +10,7 @@ use crate::{
     nn::{
         Real,
         mlp::{Layout, Linear, Mlp, Pass},
-        pictures::Pictures,
+        pictures::{Pictures, Squares},
     },
     rng::Rng,
 };
@@ -28,6 +28,9 @@ pub struct Sizes {
     /// Frames, rows and columns of an observation where encoder and decoder are convolutional.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub convolution: Option<[usize; 3]>,
+    /// Squares that all networks read and predict pictures in; not together with convolutions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub squares: Option<Squares>,
     /// Hidden layers of the encoder; convolutions put out the first.
     pub encoder: [usize; 2],
     /// Hidden layers of the decoder; convolutions start from the last.
@@ -52,6 +55,7 @@ impl Sizes {
             latent: 2,
             action: 2,
             convolution: None,
+            squares: None,
             encoder: [300, 300],
             decoder: [300, 300],
             dynamics: [20, 20],
@@ -68,6 +72,7 @@ impl Sizes {
             latent: 3,
             action: 1,
             convolution: None,
+            squares: None,
             encoder: [500, 500],
             decoder: [500, 500],
             dynamics: [30, 30],
@@ -84,6 +89,7 @@ impl Sizes {
             latent: 8,
             action: 1,
             convolution: Some([2, 80, 80]),
+            squares: None,
             encoder: [1000, 200],
             decoder: [200, 1000],
             dynamics: [40, 40],
@@ -96,6 +102,11 @@ impl Sizes {
     /// The paper's sizes for the three-link pendulum.
     pub fn three_pole() -> Self {
         Self { action: 3, encoder: [1000, 500], backward: [10, 10, 400, 400], ..Self::cart_pole() }
+    }
+
+    /// Numbers that networks read of a picture, and logits that they give it.
+    pub fn entries(&self) -> usize {
+        self.pixels / self.squares.map_or(1, Squares::area)
     }
 }
 
@@ -172,7 +183,10 @@ impl<T: Real> LceModel<T> {
 
     /// Pictures (bytes, non-zero is lit) in the form that this model reads.
     pub fn pictures(&self, frames: &[u8]) -> Pictures {
-        let mut pictures = Pictures::new(&self.background);
+        let mut pictures = match self.sizes.squares {
+            None => Pictures::new(&self.background),
+            Some(squares) => Pictures::in_squares(self.sizes.pixels, squares),
+        };
         pictures.extend(frames);
         pictures
     }
@@ -212,7 +226,11 @@ impl<T: Real> LceModel<T> {
         for z in z.chunks(AT_ONCE * n) {
             let mut pass = pass.view(z.len() / n);
             decoder.forward(&self.arena, &kernels, z, &mut pass);
-            probabilities.extend(pass.logits().0.iter().map(|&l| T::unit() / (T::unit() + (-l).e_to())));
+            let probability = |l: T| T::unit() / (T::unit() + (-l).e_to());
+            for logits in pass.logits().0.chunks_exact(self.sizes.entries()) {
+                let around = |pixel| self.sizes.squares.map_or(pixel, |squares| squares.around(pixel));
+                probabilities.extend((0..self.sizes.pixels).map(|pixel| probability(logits[around(pixel)])));
+            }
         }
         probabilities
     }

@@ -413,14 +413,14 @@ impl<T: Real> Run<'_, T> {
     /// The decoder's three losses and the deltas of its logits.
     #[inline(always)]
     fn reconstruct(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
-        let pixels = self.model.sizes.pixels;
+        let entries = self.model.sizes.entries();
         let Weights { reconstruction, encode_decode, deterministic, .. } = *self.weights;
         for i in 0..samples {
             let [x, next] = [0, 1].map(|k| self.batch.pairs[2 * (first + i) + k]);
             let guided = T::of(reconstruction) * self.guidance(first + i);
             let parts = [(next, guided, 0), (x, T::of(encode_decode), 5), (next, T::of(deterministic), 7)];
             for (k, (picture, weight, term)) in parts.into_iter().enumerate() {
-                let range = (3 * i + k) * pixels..(3 * i + k + 1) * pixels;
+                let range = (3 * i + k) * entries..(3 * i + k + 1) * entries;
                 let (logits, delta) = c.decoder.logits();
                 let (logits, delta) = (&logits[range.clone()], &mut delta[range]);
                 let value = heads::bernoulli(logits, self.batch.pictures, picture, weight * self.mean, delta);

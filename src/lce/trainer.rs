@@ -213,6 +213,7 @@ mod tests {
             latent: 2,
             action: 2,
             convolution: None,
+            squares: None,
             slopes: true,
             drift: crate::lce::Drift::Quadratic,
             encoder: [70, 33],
@@ -223,6 +224,7 @@ mod tests {
         let convolution = Sizes {
             pixels: 8 * 8,
             convolution: Some([1, 8, 8]),
+            squares: None,
             encoder: [10, 12],
             decoder: [12, 10],
             ..dense.clone()

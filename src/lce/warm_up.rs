@@ -256,10 +256,10 @@ impl<T: Real> Run<'_, T> {
 
     #[inline(always)]
     fn reconstruct(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
-        let pixels = self.model.sizes.pixels;
+        let entries = self.model.sizes.entries();
         for column in 0..2 * samples {
             let picture = self.batch.pairs[2 * first + column];
-            let range = column * pixels..(column + 1) * pixels;
+            let range = column * entries..(column + 1) * entries;
             let (logits, delta) = c.decoder.logits();
             let (logits, delta) = (&logits[range.clone()], &mut delta[range]);
             let value = heads::bernoulli(logits, self.batch.pictures, picture, self.mean, delta);

@@ -93,9 +93,11 @@ pub fn log_density<T: Real>(z: &[T], gaussian: &[T], weight: T, d_z: &mut [T], d
     sum
 }
 
-/// -ln of the probability of a picture under Bernoulli pixels with these logits. Sets delta = weight * (sigmoid(logits)
-/// - x), `weight` times its gradient.
+/// -ln of the probability of a picture under Bernoulli pixels with these logits, one for each entry that networks read.
+/// Sets delta = weight * (area * sigmoid(logits) - lit), `weight` times its gradient.
 pub fn bernoulli<T: Real>(logits: &[T], pictures: &Pictures, picture: u32, weight: T, delta: &mut [T]) -> T {
+    let area = T::of(pictures.area() as f64);
+    let steepness = weight * area;
     // Sixteen interleaved sums, added in order: the same bits however wide the vectors are. ln(1 + e^-|l|) is summed as
     // the logarithm of a product of up to 64 factors, each at most 2.
     let (mut positive, mut logarithms) = ([T::nil(); 16], [T::nil(); 16]);
@@ -108,7 +110,7 @@ pub fn bernoulli<T: Real>(logits: &[T], pictures: &Pictures, picture: u32, weigh
                 let mut product = [T::unit(); 16];
                 for (logits, delta) in logits.iter().zip(delta) {
                     for i in 0..16 {
-                        let (factor, above) = sigmoid(logits[i], weight, &mut delta[i]);
+                        let (factor, above) = sigmoid(logits[i], steepness, &mut delta[i]);
                         product[i] *= factor;
                         positive[i] += above;
                     }
@@ -120,15 +122,16 @@ pub fn bernoulli<T: Real>(logits: &[T], pictures: &Pictures, picture: u32, weigh
         },
     );
     for (i, (&l, delta)) in logits_rest.iter().zip(delta_rest).enumerate() {
-        let (factor, above) = sigmoid(l, weight, delta);
+        let (factor, above) = sigmoid(l, steepness, delta);
         logarithms[i] += factor.log();
         positive[i] += above;
     }
     let sum = |lanes: [T; 16]| lanes.into_iter().fold(T::nil(), |sum, lane| sum + lane);
-    let mut value = sum(positive) + sum(logarithms);
-    for pixel in pictures.lit(picture) {
-        delta[pixel] -= weight;
-        value -= logits[pixel];
+    let mut value = area * (sum(positive) + sum(logarithms));
+    for (entry, count) in pictures.lit(picture) {
+        let count = T::of(count as f64);
+        delta[entry] -= weight * count;
+        value -= logits[entry] * count;
     }
     value
 }

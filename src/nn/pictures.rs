@@ -1,40 +1,118 @@
 //! Binary pictures as their few differences from a reference picture, and first layers that use it.
 //!
 //! Pictures of a task share their background, and an agent covers a few pixels of it: `W x` is then `W x_reference` plus
-//! a handful of columns of W. This is exact, not an approximation, and an order of magnitude less work.
+//! a handful of columns of W. This is exact, not an approximation, and an order of magnitude less work. Networks may also
+//! read a picture square by square: how much of each is lit.
 
 use pulp::{Simd, WithSimd};
 
 use super::{Real, arch, join, mlp::Linear, vectorize};
 
+/// Squares of pixels that networks read as one number, how much of it is lit, and that they give one probability.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Squares {
+    /// Columns of a picture, a multiple of `side`.
+    pub columns: usize,
+    /// Rows and columns of a square, at most 15.
+    pub side: usize,
+}
+
+impl Squares {
+    /// Pixels of a square.
+    pub fn area(self) -> usize {
+        self.side * self.side
+    }
+
+    /// The square that a pixel lies in; they are counted row by row, as pixels are.
+    pub fn around(self, pixel: usize) -> usize {
+        let (row, column) = (pixel / self.columns, pixel % self.columns);
+        row / self.side * (self.columns / self.side) + column / self.side
+    }
+}
+
 /// Pictures of one size with values 0 and 1.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pictures {
+    pixels: usize,
+    squares: Option<Squares>,
+    /// Of every entry that networks read, a pixel or a square.
     reference: Vec<bool>,
     reference_lit: Vec<u32>,
     starts: Vec<u32>,
-    /// Twice the pixel, plus one where it is dark although lit in the reference.
+    /// An entry, and in the lowest [`LEVEL_BITS`] bits what it is instead of what the reference has: of a pixel
+    /// [`LIT`] or [`DARK`], of a square how many of its pixels are lit.
     changes: Vec<u32>,
+}
+
+const LEVEL_BITS: u32 = 8;
+const LEVELS: usize = 1 << LEVEL_BITS;
+const LIT: u32 = 0;
+const DARK: u32 = 1;
+
+fn entry(change: u32) -> usize {
+    (change >> LEVEL_BITS) as usize
+}
+
+fn level(change: u32) -> usize {
+    change as usize % LEVELS
 }
 
 impl Pictures {
     /// No pictures yet, to be compared with `reference`.
     pub fn new(reference: &[u8]) -> Self {
         let reference_lit = (0_u32..).zip(reference).filter(|&(_, &p)| p != 0).map(|(pixel, _)| pixel).collect();
-        let reference = reference.iter().map(|&p| p != 0).collect();
-        Self { reference, reference_lit, starts: vec![0], changes: Vec::new() }
+        let reference: Vec<bool> = reference.iter().map(|&p| p != 0).collect();
+        let pixels = reference.len();
+        Self { pixels, squares: None, reference, reference_lit, starts: vec![0], changes: Vec::new() }
+    }
+
+    /// No pictures yet, of so many pixels, to be read in squares.
+    pub fn in_squares(pixels: usize, squares: Squares) -> Self {
+        let reference = vec![false; pixels / squares.area()];
+        let (reference_lit, starts, changes) = (Vec::new(), vec![0], Vec::new());
+        Self { pixels, squares: Some(squares), reference, reference_lit, starts, changes }
     }
 
     /// Adds pictures that lie one after the other; any non-zero byte is lit.
     pub fn extend(&mut self, frames: &[u8]) {
-        for frame in frames.chunks_exact(self.reference.len()) {
-            for (pixel, (&value, &reference)) in frame.iter().zip(&self.reference).enumerate() {
-                if (value != 0) != reference {
-                    self.changes.push(pixel as u32 * 2 + u32::from(reference));
+        let mut counts = vec![0; if self.squares.is_some() { self.reference.len() } else { 0 }];
+        for frame in frames.chunks_exact(self.pixels) {
+            if let Some(squares) = self.squares {
+                counts.fill(0);
+                let lit = frame.iter().enumerate().filter(|&(_, &value)| value != 0);
+                lit.for_each(|(pixel, _)| counts[squares.around(pixel)] += 1);
+                let seen = (0..).zip(&counts).filter(|&(_, &count)| count > 0);
+                self.changes.extend(seen.map(|(square, &count): (u32, &u32)| square << LEVEL_BITS | count));
+            } else {
+                for (pixel, (&value, &reference)) in frame.iter().zip(&self.reference).enumerate() {
+                    if (value != 0) != reference {
+                        self.changes.push((pixel as u32) << LEVEL_BITS | if reference { DARK } else { LIT });
+                    }
                 }
             }
             self.starts.push(self.changes.len() as u32);
         }
+    }
+
+    /// Pixels that an entry stands for.
+    pub fn area(&self) -> usize {
+        self.squares.map_or(1, Squares::area)
+    }
+
+    /// What every level of a change adds to an entry.
+    fn factors<T: Real>(&self) -> [T; LEVELS] {
+        let mut factors = [T::nil(); LEVELS];
+        match self.squares {
+            None => (factors[LIT as usize], factors[DARK as usize]) = (T::unit(), -T::unit()),
+            Some(squares) => {
+                let area = squares.area();
+                for (count, factor) in factors[..=area].iter_mut().enumerate() {
+                    *factor = T::of(count as f64 / area as f64);
+                }
+            }
+        }
+        factors
     }
 
     /// How many pictures.
@@ -47,32 +125,26 @@ impl Pictures {
         self.len() == 0
     }
 
-    /// Pixels of a picture.
-    pub fn pixels(&self) -> usize {
-        self.reference.len()
-    }
-
-    fn changes(&self, picture: u32) -> impl Iterator<Item = (usize, bool)> + Clone + '_ {
-        self.raw_changes(picture).iter().map(|&change| ((change / 2) as usize, change % 2 == 0))
-    }
-
-    /// Its entries of `changes`, by rising pixel.
-    fn raw_changes(&self, picture: u32) -> &[u32] {
+    /// Its entries of `changes`, by rising entry.
+    fn changes(&self, picture: u32) -> &[u32] {
         &self.changes[self.starts[picture as usize] as usize..self.starts[picture as usize + 1] as usize]
     }
 
-    /// The same for some of the pixels.
-    fn changes_at(&self, picture: u32, pixels: std::ops::Range<usize>) -> &[u32] {
-        let changes = self.raw_changes(picture);
-        let before = |pixel: usize| changes.partition_point(|&change| ((change / 2) as usize) < pixel);
-        &changes[before(pixels.start)..before(pixels.end)]
+    /// The same for some of the entries.
+    fn changes_at(&self, picture: u32, entries: std::ops::Range<usize>) -> &[u32] {
+        let changes = self.changes(picture);
+        let before = |at: usize| changes.partition_point(|&change| entry(change) < at);
+        &changes[before(entries.start)..before(entries.end)]
     }
 
-    /// The pixels that are lit in a picture.
-    pub fn lit(&self, picture: u32) -> impl Iterator<Item = usize> + '_ {
-        let darkened = move |pixel| self.changes(picture).any(|(p, lit)| p == pixel && !lit);
-        let kept = self.reference_lit().filter(move |&pixel| !darkened(pixel));
-        kept.chain(self.changes(picture).filter(|&(_, lit)| lit).map(|(pixel, _)| pixel))
+    /// The entries of a picture in which pixels are lit, and how many.
+    pub fn lit(&self, picture: u32) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let in_squares = self.squares.is_some();
+        let darkens = move |change: u32| !in_squares && level(change) == DARK as usize;
+        let darkened = move |pixel| self.changes(picture).iter().any(|&c| entry(c) == pixel && darkens(c));
+        let kept = self.reference_lit().filter(move |&pixel| !darkened(pixel)).map(|pixel| (pixel, 1));
+        let changed = self.changes(picture).iter().filter(move |&&change| !darkens(change));
+        kept.chain(changed.map(move |&change| (entry(change), if in_squares { level(change) } else { 1 })))
     }
 
     fn reference_lit(&self) -> impl Iterator<Item = usize> + '_ {
@@ -195,14 +267,15 @@ impl<T: Real> Affine<'_, T> {
     fn run<S: Simd, const V: usize>(&mut self, simd: S, at: usize) {
         let (n_out, lanes) = (self.layer.n_out, T::count::<S>());
         let base = T::cut::<S>(&self.base[at..at + V * lanes]);
-        let signs = [T::splat(simd, T::unit()), T::splat(simd, -T::unit())];
+        let factors = self.pictures.factors();
         let zero = T::splat(simd, T::nil());
         for (&picture, y) in self.which.iter().zip(self.y.chunks_exact_mut(self.place.stride)) {
             let mut sums: [T::V<S>; V] = std::array::from_fn(|v| base[v]);
-            for &change in self.pictures.raw_changes(picture) {
-                let w = T::cut::<S>(&self.w[(change / 2) as usize * n_out + at..][..V * lanes]);
+            for &change in self.pictures.changes(picture) {
+                let factor = T::splat(simd, factors[level(change)]);
+                let w = T::cut::<S>(&self.w[entry(change) * n_out + at..][..V * lanes]);
                 for v in 0..V {
-                    sums[v] = T::mul_add(simd, signs[(change % 2) as usize], w[v], sums[v]);
+                    sums[v] = T::mul_add(simd, factor, w[v], sums[v]);
                 }
             }
             let y = T::cut_mut::<S>(&mut y[self.place.offset + at..][..V * lanes]);
@@ -214,13 +287,13 @@ impl<T: Real> Affine<'_, T> {
 
     #[inline(always)]
     fn rest(&mut self, at: usize) {
-        let n_out = self.layer.n_out;
+        let (n_out, factors) = (self.layer.n_out, self.pictures.factors::<T>());
         for (&picture, y) in self.which.iter().zip(self.y.chunks_exact_mut(self.place.stride)) {
             let y = &mut y[self.place.offset..][at..n_out];
             y.copy_from_slice(&self.base[at..]);
-            for (pixel, lit) in self.pictures.changes(picture) {
-                for (y, &w) in y.iter_mut().zip(&self.w[pixel * n_out + at..]) {
-                    *y = if lit { *y + w } else { *y - w };
+            for &change in self.pictures.changes(picture) {
+                for (y, &w) in y.iter_mut().zip(&self.w[entry(change) * n_out + at..]) {
+                    *y = factors[level(change)].fma(w, *y);
                 }
             }
             if self.relu {
@@ -254,7 +327,7 @@ impl<T: Real> WithSimd for WeightGradient<'_, T> {
 }
 
 impl<T: Real> WeightGradient<'_, T> {
-    fn pixels(&self) -> std::ops::Range<usize> {
+    fn entries(&self) -> std::ops::Range<usize> {
         self.first..self.first + self.dw.len() / self.n_out
     }
 
@@ -274,16 +347,17 @@ impl<T: Real> WeightGradient<'_, T> {
     #[inline(always)]
     fn run<S: Simd, const V: usize>(&mut self, simd: S, at: usize) {
         let (pictures, lanes) = (self.pictures, T::count::<S>());
-        let signs = [T::splat(simd, T::unit()), T::splat(simd, -T::unit())];
+        let factors = pictures.factors();
         self.start(at, V * lanes);
         for (&picture, dy) in self.which.iter().zip(self.dy.chunks_exact(self.place.stride)) {
             let dy = T::cut::<S>(&dy[self.place.offset + at..][..V * lanes]);
             let dy: [T::V<S>; V] = std::array::from_fn(|v| dy[v]);
-            for &change in pictures.changes_at(picture, self.pixels()) {
-                let pixel = (change / 2) as usize - self.first;
-                let dw = T::cut_mut::<S>(&mut self.dw[pixel * self.n_out + at..][..V * lanes]);
+            for &change in pictures.changes_at(picture, self.entries()) {
+                let factor = T::splat(simd, factors[level(change)]);
+                let entry = entry(change) - self.first;
+                let dw = T::cut_mut::<S>(&mut self.dw[entry * self.n_out + at..][..V * lanes]);
                 for v in 0..V {
-                    dw[v] = T::mul_add(simd, signs[(change % 2) as usize], dy[v], dw[v]);
+                    dw[v] = T::mul_add(simd, factor, dy[v], dw[v]);
                 }
             }
         }
@@ -291,14 +365,14 @@ impl<T: Real> WeightGradient<'_, T> {
 
     #[inline(always)]
     fn rest(&mut self, at: usize) {
-        let (pictures, n_out) = (self.pictures, self.n_out);
+        let (pictures, n_out, factors) = (self.pictures, self.n_out, self.pictures.factors::<T>());
         self.start(at, n_out - at);
         for (&picture, dy) in self.which.iter().zip(self.dy.chunks_exact(self.place.stride)) {
             let dy = &dy[self.place.offset..][at..n_out];
-            for &change in pictures.changes_at(picture, self.pixels()) {
-                let pixel = (change / 2) as usize - self.first;
-                for (dw, &dy) in self.dw[pixel * n_out..][at..n_out].iter_mut().zip(dy) {
-                    *dw = if change % 2 == 0 { *dw + dy } else { *dw - dy };
+            for &change in pictures.changes_at(picture, self.entries()) {
+                let entry = entry(change) - self.first;
+                for (dw, &dy) in self.dw[entry * n_out..][at..n_out].iter_mut().zip(dy) {
+                    *dw = factors[level(change)].fma(dy, *dw);
                 }
             }
         }
@@ -369,5 +443,42 @@ mod tests {
         assert!(want.iter().zip(&one).all(|(a, b)| (a - b).abs() < 1e-13));
         assert_eq!(one, two);
         assert_eq!(pictures.lit(3).count(), frames[3 * pixels..4 * pixels].iter().filter(|&&p| p != 0).count());
+    }
+
+    #[test]
+    fn squares_are_read_as_the_share_of_their_pixels_that_is_lit() {
+        let mut rng = crate::rng::Rng::seed_from_u64(4);
+        let (squares, pixels, n_out, count) = (Squares { columns: 12, side: 3 }, 6 * 12, 5, 7);
+        let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(noise::index(&mut rng, 3) == 0)).collect();
+        let mut pictures = Pictures::in_squares(pixels, squares);
+        pictures.extend(&frames);
+        let share = |picture: usize, square: usize| {
+            let (top, left) = (square / 4 * 3, square % 4 * 3);
+            let rows = (0..3).map(|row| picture * pixels + (top + row) * 12 + left);
+            rows.map(|at| frames[at..at + 3].iter().map(|&p| f64::from(p)).sum::<f64>()).sum::<f64>() / 9.0
+        };
+        let x: Vec<f64> = (0..count * 8).map(|i| share(i / 8, i % 8)).collect();
+        for (picture, x) in x.chunks(8).enumerate() {
+            for (square, lit) in pictures.lit(picture as u32) {
+                assert_eq!(lit as f64, (9.0 * x[square]).round());
+            }
+        }
+
+        let mut layout = Layout::default();
+        let layer = layout.linear("first", 8, n_out);
+        let arena: Vec<f64> = layout.initialize(&mut rng);
+        let which: Vec<u32> = (0..count as u32).collect();
+        let place = Place { stride: n_out, offset: 0 };
+        let (mut base, mut dense, mut sparse) = (vec![0.0; n_out], vec![0.0; n_out * count], vec![0.0; n_out * count]);
+        pictures.base(&layer, &arena, &mut base);
+        pictures.affine(&layer, &arena, &base, &which, &mut sparse, place, false);
+        layer.forward(&arena, &x, &mut dense, false);
+        assert!(dense.iter().zip(&sparse).all(|(a, b)| (a - b).abs() < 1e-14));
+
+        let dy: Vec<f64> = (0..n_out * count).map(|i| (i as f64).sin()).collect();
+        let [mut want, mut got] = [(); 2].map(|()| vec![0.0; layout.len]);
+        layer.gradient(1, &mut want, Into::Replace, &x, &dy);
+        pictures.gradient(2, &layer, &mut got, &which, &dy, place);
+        assert!(want.iter().zip(&got).all(|(a, b)| (a - b).abs() < 1e-13));
     }
 }

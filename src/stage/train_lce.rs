@@ -21,6 +21,7 @@ use crate::{
     nn::{
         adam::{Adam, AdamSettings},
         noise,
+        pictures::Squares,
     },
     record::{At, Level, topic},
 };
@@ -139,8 +140,11 @@ fn fresh(params: &Params, transitions: &Transitions, cx: &StageCx<'_>) -> anyhow
         EnvName::ThreePole => Sizes { action: transitions.action_dim, ..Sizes::three_pole() },
     };
     let mut sizes = Sizes { slopes: params.slopes == Slopes::Amortized, ..sizes };
-    if params.networks == Networks::Dense {
-        sizes = Sizes { convolution: None, encoder: [256; 2], decoder: [256; 2], ..sizes };
+    if params.networks == Networks::Squares {
+        let squares = Squares { columns: transitions.picture.1, side: 8 };
+        let (hidden, backward) = ([128; 2], [10, 10, 50, 100]);
+        sizes =
+            Sizes { convolution: None, squares: Some(squares), encoder: hidden, decoder: hidden, backward, ..sizes };
     }
     anyhow::ensure!(!transitions.is_empty(), "there are no transitions to learn from");
     let background = background(&transitions.frames(), transitions.pixels());

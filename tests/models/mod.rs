@@ -42,6 +42,7 @@ pub fn convolutional_model_and_data(samples: usize) -> (LceModel, Data) {
         latent: 2,
         action: 2,
         convolution: Some([2, 16, 24]),
+        squares: None,
         slopes: false,
         drift: Drift::None,
         encoder: [60, 20],

@@ -16,6 +16,7 @@ fn known_model() -> LceModel {
         slopes: false,
         drift: Drift::None,
         convolution: None,
+        squares: None,
         pixels: 1,
         latent: 2,
         action: 2,

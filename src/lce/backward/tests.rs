@@ -21,6 +21,7 @@ impl Case {
             slopes: false,
             drift: crate::lce::Drift::None,
             convolution: None,
+            squares: None,
             pixels: 17,
             latent: 2,
             action: 3,

@@ -102,7 +102,7 @@ impl Lit {
     pub(super) fn runs(&self, pictures: &Pictures, picture: u32, runs: &mut Vec<Run>) {
         let [rows, columns] = self.size;
         runs.clear();
-        for pixel in pictures.lit(picture) {
+        for (pixel, _) in pictures.lit(picture) {
             let (line, column) = (pixel / columns, pixel % columns);
             let (frame, row) = (line / rows, line % rows);
             match runs.last_mut() {
