@@ -87,8 +87,12 @@ impl super::Params for Params {
             Preset::Recipe if of.task.env == EnvName::SwingUp => {
                 Self { rollout: 10, last_pace: 0.05, ..Self::default() }
             }
-            // Most states of the data fall whatever is done, so critics that also learn to reach them learn little.
-            Preset::Recipe => Self { rollout: 10, last_pace: 0.05, relabel: 0.0, ..Self::default() },
+            // Most states of the data fall whatever is done, so critics that also learn to reach them learn little. A
+            // pole falls faster than errors of F allow to look ahead; three links take longer to stand up.
+            Preset::Recipe => {
+                let rollout = if of.task.env == EnvName::CartPole { 5 } else { 16 };
+                Self { rollout, last_pace: 0.05, relabel: 0.0, ..Self::default() }
+            }
             Preset::Paper => Self {
                 acting_rate: 1.0,
                 temperature: Temperature::Decayed,
