@@ -1,7 +1,7 @@
 //! Signs of a useless map that need no true state.
 
 use super::{LceModel, trainer::Data};
-use crate::nn::{Real as _, mlp::Pass};
+use crate::nn::{Real as _, mlp::Pass, pictures::Pictures};
 
 /// What the detectors saw.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,6 +50,14 @@ pub fn of(model: &LceModel, data: &Data) -> Detectors {
     Detectors { spread, alignment: mean.iter().map(|x| x * x).sum::<f64>().sqrt() / norm.max(1e-12) }
 }
 
+/// For every goal image the share of `pictures` that reads better than it: near 1 it lies where other pictures do, and
+/// whoever is led to its code ends somewhere else.
+pub fn goal_ranks(model: &LceModel, pictures: &Pictures, goals: &Pictures) -> Vec<f64> {
+    let known = model.misreading(pictures);
+    let rank = |goal| known.iter().filter(|&&nats| nats < goal).count() as f64 / known.len() as f64;
+    model.misreading(goals).into_iter().map(rank).collect()
+}
+
 impl Detectors {
     /// What is wrong, a sentence each.
     pub fn sentences(&self) -> Vec<String> {
@@ -66,5 +74,49 @@ impl Detectors {
             ));
         }
         sentences
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+
+    use super::*;
+    use crate::{
+        lce::{Sizes, model::background},
+        nn::{noise, pictures::Squares},
+        rng::Rng,
+    };
+
+    fn model_and_frames(squares: Option<Squares>) -> (LceModel, Vec<u8>) {
+        let sizes = Sizes { pixels: 8 * 6, encoder: [9, 9], decoder: [9, 9], squares, ..Sizes::planar() };
+        let mut rng = Rng::seed_from_u64(3);
+        let frames: Vec<u8> = (0..20 * sizes.pixels).map(|_| u8::from(noise::index(&mut rng, 3) == 0)).collect();
+        let background = background(&frames, sizes.pixels);
+        (LceModel::new(sizes, background, &mut rng), frames)
+    }
+
+    #[test]
+    fn a_misreading_is_the_sum_over_pixels_of_what_the_decoder_says() {
+        for squares in [None, Some(Squares { columns: 6, side: 2 })] {
+            let (model, frames) = model_and_frames(squares);
+            let pictures = model.pictures(&frames);
+            let decoded = model.decode(&model.encode_means(&pictures));
+            for (i, nats) in model.misreading(&pictures).into_iter().enumerate() {
+                let pixels = i * 48..(i + 1) * 48;
+                let of = |(&x, &p): (&u8, &f32)| if x != 0 { -f64::from(p).ln() } else { -(1.0 - f64::from(p)).ln() };
+                let sum: f64 = frames[pixels.clone()].iter().zip(&decoded[pixels]).map(of).sum();
+                assert!((f64::from(nats) - sum).abs() < 1e-4, "{nats}, not {sum}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_goal_image_ranks_after_the_pictures_that_read_better() {
+        let (model, frames) = model_and_frames(None);
+        let pictures = model.pictures(&frames);
+        let mut ranks = goal_ranks(&model, &pictures, &pictures);
+        ranks.sort_by(f64::total_cmp);
+        assert!(ranks.iter().enumerate().all(|(i, &rank)| rank == i as f64 / 20.0), "{ranks:?}");
     }
 }

@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     nn::{
-        Real,
+        Real, heads,
         mlp::{Layout, Linear, Mlp, Pass},
         pictures::{Pictures, Squares},
     },
@@ -218,21 +218,35 @@ impl<T: Real> LceModel<T> {
 
     /// Probabilities of the pixels for every column of z.
     pub fn decode(&self, z: &[T]) -> Vec<T> {
+        let mut probabilities = Vec::with_capacity(z.len() / self.sizes.latent * self.sizes.pixels);
+        let around = |pixel| self.sizes.squares.map_or(pixel, |squares| squares.around(pixel));
+        let probability = |l: T| T::unit() / (T::unit() + (-l).e_to());
+        self.each_logits(z, |logits| {
+            probabilities.extend((0..self.sizes.pixels).map(|pixel| probability(logits[around(pixel)])));
+        });
+        probabilities
+    }
+
+    /// -ln D(x|E(x)) of every picture, at the means of E: how badly it reads, in nats.
+    pub fn misreading(&self, pictures: &Pictures) -> Vec<T> {
+        let mut nats = Vec::with_capacity(pictures.len());
+        let mut delta = vec![T::nil(); self.sizes.entries()];
+        self.each_logits(&self.encode_means(pictures), |logits| {
+            nats.push(heads::bernoulli(logits, pictures, nats.len() as u32, T::nil(), &mut delta));
+        });
+        nats
+    }
+
+    fn each_logits(&self, z: &[T], mut each: impl FnMut(&[T])) {
         let (decoder, n) = (&self.nets.decoder, self.sizes.latent);
         let mut kernels = decoder.ready();
         decoder.prepare(&self.arena, &mut kernels);
         let mut pass = DecoderPass::new(decoder, (z.len() / n).min(AT_ONCE), 1);
-        let mut probabilities = Vec::with_capacity(z.len() / n * self.sizes.pixels);
         for z in z.chunks(AT_ONCE * n) {
             let mut pass = pass.view(z.len() / n);
             decoder.forward(&self.arena, &kernels, z, &mut pass);
-            let probability = |l: T| T::unit() / (T::unit() + (-l).e_to());
-            for logits in pass.logits().0.chunks_exact(self.sizes.entries()) {
-                let around = |pixel| self.sizes.squares.map_or(pixel, |squares| squares.around(pixel));
-                probabilities.extend((0..self.sizes.pixels).map(|pixel| probability(logits[around(pixel)])));
-            }
+            pass.logits().0.chunks_exact(self.sizes.entries()).for_each(&mut each);
         }
-        probabilities
     }
 }
 

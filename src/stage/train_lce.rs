@@ -120,6 +120,7 @@ impl Stage for TrainLce {
             cx.tick(epoch + 1, params.epochs, &format!("decoding {loss:.1} nats"))?;
         }
         judge(cx, &trainer.model, &data, step);
+        look_for_misplaced_goals(cx, &trainer.model, &transitions, is_warm, step);
         Ok(TrainedModel { model: trainer.model, adam: trainer.adam })
     }
 }
@@ -272,3 +273,32 @@ fn judge(cx: &mut StageCx<'_>, model: &LceModel, data: &Data, step: u64) {
         cx.say(&sentence);
     }
 }
+
+/// Pictures that a goal image is compared with: the first, which come from everywhere.
+const COMPARED: usize = 1024;
+
+/// Says which goal images are probably not where their states are: seldom seen, and put on top of others. In the first
+/// round nobody has been near a goal yet.
+fn look_for_misplaced_goals(
+    cx: &mut StageCx<'_>,
+    model: &LceModel,
+    transitions: &Transitions,
+    is_warm: bool,
+    step: u64,
+) {
+    let compared = transitions.len().min(COMPARED) * transitions.pixels();
+    let pictures = model.pictures(&transitions.observations[..compared]);
+    let ranks = detectors::goal_ranks(model, &pictures, &model.pictures(&transitions.goals));
+    cx.figure("goal_rank", ranks.iter().copied().fold(0.0, f64::max));
+    for (goal, rank) in ranks.into_iter().enumerate().filter(|&(_, rank)| is_warm && rank > MISREAD) {
+        let sentence = format!(
+            "goal image {goal} reads worse than {:.0} % of the first pictures: its code may lie somewhere else",
+            100.0 * rank
+        );
+        cx.record.log(At::new(cx.round, 0, step), Level::Warning, &sentence);
+        cx.say(&sentence);
+    }
+}
+
+/// Beyond this share of pictures that read better, a goal image is doubted.
+const MISREAD: f64 = 0.9;
