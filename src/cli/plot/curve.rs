@@ -14,6 +14,8 @@ const LEFT: f64 = 62.0;
 const RIGHT: f64 = WIDTH - 122.0;
 const TOP: f64 = 74.0;
 const BOTTOM: f64 = HEIGHT - 52.0;
+/// Height of a line of text.
+const LINE: f64 = 14.0;
 
 const MEAN: &str = "#1f5fa8";
 const ALONE: &str = "#c8641c";
@@ -61,11 +63,15 @@ pub(super) fn draw(pipeline: &str, evaluations: &[&NodeRecord]) -> String {
     let title = format!("{pipeline}, {}", count(&points));
     picture.text([LEFT, 28.0], "font-size=\"16\" font-weight=\"bold\"", &title);
     frame(&mut picture, &axes, &goal);
+    let mut free = f64::MIN;
     for (value, name, colour, style) in marks {
         let Some(value) = value else { continue };
         let [_, y] = axes.place(0.0, value);
         picture.line(&[[LEFT, y], [RIGHT, y]], &format!("stroke=\"{colour}\" {style}"));
-        picture.text([RIGHT + 6.0, y + 4.0], &format!("fill=\"{colour}\""), &format!("{name} {value:.1}"));
+        // The paper's mean lies below the ceiling, sometimes by less than a line of text.
+        let label = (y + 4.0).max(free);
+        picture.text([RIGHT + 6.0, label], &format!("fill=\"{colour}\""), &format!("{name} {value:.1}"));
+        free = label + LINE;
     }
     let band = band(&mut picture, &axes, &goal, points.len());
     if points.len() >= 3 {
