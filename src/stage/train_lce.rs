@@ -119,7 +119,7 @@ impl Stage for TrainLce {
             }
             cx.tick(epoch + 1, params.epochs, &format!("decoding {loss:.1} nats"))?;
         }
-        judge(cx, &trainer.model, &data, step);
+        judge(cx, &trainer.model, &data, params.warm_up.scale, step);
         look_for_misplaced_goals(cx, &trainer.model, &transitions, is_warm, step);
         Ok(TrainedModel { model: trainer.model, adam: trainer.adam })
     }
@@ -264,11 +264,11 @@ fn pictures(cx: &mut StageCx<'_>, at: At, transitions: &Transitions, data: &Data
 }
 
 /// Detectors that need no true state: a collapsed or a folded map is told at once.
-fn judge(cx: &mut StageCx<'_>, model: &LceModel, data: &Data, step: u64) {
+fn judge(cx: &mut StageCx<'_>, model: &LceModel, data: &Data, scale: f64, step: u64) {
     let found = detectors::of(model, data);
     cx.figure("code_spread", found.spread);
     cx.figure("action_alignment", found.alignment);
-    for sentence in found.sentences() {
+    for sentence in found.sentences(scale) {
         cx.record.log(At::new(cx.round, 0, step), Level::Warning, &sentence);
         cx.say(&sentence);
     }
