@@ -292,7 +292,7 @@ fn look_for_misplaced_goals(
     cx.figure("goal_rank", ranks.iter().copied().fold(0.0, f64::max));
     for (goal, rank) in ranks.into_iter().enumerate().filter(|&(_, rank)| is_warm && rank > MISREAD) {
         let sentence = format!(
-            "goal image {goal} reads worse than {:.0} % of the first pictures: its code may lie somewhere else",
+            "goal image {goal} reads worse than {:.1} % of the first pictures: its code may lie somewhere else",
             100.0 * rank
         );
         cx.record.log(At::new(cx.round, 0, step), Level::Warning, &sentence);
@@ -300,5 +300,6 @@ fn look_for_misplaced_goals(
     }
 }
 
-/// Beyond this share of pictures that read better, a goal image is doubted.
-const MISREAD: f64 = 0.9;
+/// Beyond this share of pictures that read better, a goal image is doubted: goals that were reached in the end had ranks up
+/// to .991 on the way, one that was not had 1 in every round (planar, biased, seeds 2 and 3).
+const MISREAD: f64 = 0.995;
