@@ -3,13 +3,14 @@
 //! The unit is a model with its mean over its episodes; intervals are percentile bootstraps that resample models. It
 //! refuses evaluations under different protocols, whose mean would mean nothing.
 
+use anyhow::{Context as _, ensure};
+
 use super::{NoParams, Stage, StageCx, inputs};
 use crate::{
     artifact::{Evaluation, FigureSummary, ResultSummary},
     env::Protocol,
     stats::Summary,
 };
-use anyhow::{Context as _, ensure};
 
 inputs! {
     pub(super) struct Inputs {

@@ -221,8 +221,7 @@ fn record_guidance(cx: &mut StageCx<'_>, errors: &[f32], weights: &[f32]) {
             "value-guided weights are worth {effective:.0} of {} transitions; a lower `guidance.temperature` spreads them",
             weights.len()
         );
-        cx.record.log(at, Level::Warning, &sentence);
-        cx.say(&sentence);
+        warn(cx, at, &sentence);
     }
 }
 
@@ -263,14 +262,19 @@ fn pictures(cx: &mut StageCx<'_>, at: At, transitions: &Transitions, data: &Data
     cx.record.picture(topic::PICTURE_PREDICTION, at, height, width, &grey(model.decode(&next)));
 }
 
+/// Says a sentence in the recording and on the terminal.
+fn warn(cx: &mut StageCx<'_>, at: At, sentence: &str) {
+    cx.record.log(at, Level::Warning, sentence);
+    cx.say(sentence);
+}
+
 /// Detectors that need no true state: a collapsed or a folded map is told at once.
 fn judge(cx: &mut StageCx<'_>, model: &LceModel, data: &Data, scale: f64, step: u64) {
     let found = detectors::of(model, data);
     cx.figure("code_spread", found.spread);
     cx.figure("action_alignment", found.alignment);
     for sentence in found.sentences(scale) {
-        cx.record.log(At::new(cx.round, 0, step), Level::Warning, &sentence);
-        cx.say(&sentence);
+        warn(cx, At::new(cx.round, 0, step), &sentence);
     }
 }
 
@@ -295,8 +299,7 @@ fn look_for_misplaced_goals(
             "goal image {goal} reads worse than {:.1} % of the first pictures: its code may lie somewhere else",
             100.0 * rank
         );
-        cx.record.log(At::new(cx.round, 0, step), Level::Warning, &sentence);
-        cx.say(&sentence);
+        warn(cx, At::new(cx.round, 0, step), &sentence);
     }
 }
 

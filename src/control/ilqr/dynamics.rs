@@ -110,9 +110,7 @@ mod tests {
     #[test]
     fn jacobians_are_the_differences_of_the_mean_dynamics() {
         let mut rng = Rng::seed_from_u64(8);
-        for sizes in
-            [Sizes::planar(), Sizes::swing_up(), Sizes { convolution: None, squares: None, ..Sizes::three_pole() }]
-        {
+        for sizes in [Sizes::planar(), Sizes::swing_up(), Sizes { convolution: None, ..Sizes::three_pole() }] {
             let mut dynamics = LatentDynamics::of(&model(sizes));
             let (n, width) = (dynamics.latent, dynamics.z_u.len());
             for _ in 0..20 {
