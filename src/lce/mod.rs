@@ -9,6 +9,7 @@ mod encoder;
 pub mod model;
 pub mod objective;
 mod observer;
+pub mod refit;
 pub mod trainer;
 pub mod warm_up;
 

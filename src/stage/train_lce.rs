@@ -16,6 +16,7 @@ use crate::{
         LceModel, Sizes, detectors,
         model::background,
         objective::{Terms, Weights},
+        refit::refit,
         trainer::{BATCH, Data, Trainer},
     },
     nn::{
@@ -118,6 +119,12 @@ impl Stage for TrainLce {
                 pictures(cx, at, &transitions, &data, &trainer.model);
             }
             cx.tick(epoch + 1, params.epochs, &format!("decoding {loss:.1} nats"))?;
+        }
+        if params.refit_steps > 0 && params.slopes == Slopes::Exact {
+            let codes = trainer.model.encode(&data.pictures);
+            let rng = &mut cx.rng("refit");
+            let (steps, learning_rate) = (params.refit_steps, params.warm_up_learning_rate);
+            refit(&mut trainer.model, &codes, &data.actions, steps, learning_rate, rng);
         }
         judge(cx, &trainer.model, &data, params.warm_up.scale, step);
         look_for_misplaced_goals(cx, &trainer.model, &transitions, is_warm, step);

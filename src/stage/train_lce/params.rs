@@ -98,6 +98,8 @@ pub(in crate::stage) struct Params {
     curvature_sigma: f64,
     /// Where L_cur has F's slopes from.
     pub(super) slopes: Slopes,
+    /// Steps at the end that fit F alone to the codes as they are then; none with amortized slopes, whose heads read F.
+    pub(super) refit_steps: u64,
     /// Adam step size; the paper's.
     pub(super) learning_rate: f64,
     /// Adam step size of the warm-up.
@@ -139,6 +141,7 @@ impl Default for Params {
             guidance: Guidance::default(),
             curvature_sigma: 0.1,
             slopes: Slopes::Exact,
+            refit_steps: 0,
             learning_rate: 5e-4,
             warm_up_learning_rate: 2e-3,
             weight_decay: 1e-3,
@@ -174,6 +177,8 @@ impl stage::Params for Params {
                 (params.networks, params.anchor_epochs) = (Networks::Squares, 0);
                 // An action hardly shows in one step: a map that answers it louder is learned by heart, too.
                 (params.warm_up.scale, params.warm_up.anchor) = (0.5, 30.0);
+                // Codes of so few pictures jitter as much as they move, and F learns the motion last.
+                params.refit_steps = 3000;
             }
         }
         params

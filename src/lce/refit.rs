@@ -1,0 +1,92 @@
+//! F alone, on codes that stand still.
+//!
+//! While all networks learn together, F follows codes that move under it and is pulled by every other term. Control sees F
+//! only through rollouts, so it is worth a moment to fit F to the codes as they ended.
+
+use super::{LceModel, trainer::BATCH};
+use crate::{
+    nn::{
+        adam::{Adam, AdamSettings},
+        heads,
+        mat::Into,
+        mlp::Pass,
+        noise, vectorize,
+    },
+    rng::Rng,
+};
+
+/// Minimises -ln F(E(x')|E(x), u), with the means of E, over `steps` batches of the transitions; nothing but F changes.
+/// `codes` are Gaussians of x and x' in turn. The step size falls linearly from `learning_rate` to zero.
+pub fn refit(model: &mut LceModel, codes: &[f32], actions: &[f32], steps: u64, learning_rate: f64, rng: &mut Rng) {
+    let (n, a) = (model.sizes.latent, model.sizes.action);
+    let net = model.nets.dynamics;
+    let parameters = net.layers[0].at..net.layers[2].at + net.layers[2].len();
+    let mut adam = Adam::new(parameters.len());
+    let mut gradient = vec![0.0; model.nets.layout.len];
+    let mut pass = Pass::new(&net, BATCH, 1);
+    let (mut z_u, mut moves) = (vec![0.0; BATCH * (n + a)], vec![0.0; BATCH * n]);
+    let mut d_moves = vec![0.0; n];
+    for step in 0..steps {
+        for (z_u, moves) in z_u.chunks_exact_mut(n + a).zip(moves.chunks_exact_mut(n)) {
+            let which = noise::index(rng, actions.len() / a);
+            let (now, next) = codes[4 * n * which..][..4 * n].split_at(2 * n);
+            z_u[..n].copy_from_slice(&now[..n]);
+            z_u[n..].copy_from_slice(&actions[which * a..][..a]);
+            for k in 0..n {
+                moves[k] = next[k] - now[k];
+            }
+        }
+        let mut pass = pass.view(BATCH);
+        vectorize(
+            #[inline(always)]
+            || {
+                net.forward(&model.arena, &z_u, &mut pass);
+                pass.delta[2].fill(0.0);
+                let gaussians = pass.out[2].chunks_exact(2 * n).zip(pass.delta[2].chunks_exact_mut(2 * n));
+                for ((gaussian, delta), moves) in gaussians.zip(moves.chunks_exact(n)) {
+                    heads::log_density(moves, gaussian, -1.0 / BATCH as f32, &mut d_moves, delta);
+                }
+                net.backward(&model.arena, &mut pass, None);
+            },
+        );
+        net.gradient(1, &mut gradient, Into::Replace, &z_u, &pass);
+        let pace = 1.0 - step as f64 / steps as f64;
+        let settings = AdamSettings { learning_rate: learning_rate * pace, weight_decay: 0.0 };
+        adam.step(1, settings, &mut model.arena[parameters.clone()], &gradient[parameters.clone()]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+
+    use super::*;
+    use crate::lce::Sizes;
+
+    #[test]
+    fn a_refitted_f_predicts_where_codes_go_and_nothing_else_changes() {
+        let mut rng = Rng::seed_from_u64(5);
+        let sizes = Sizes { pixels: 4, encoder: [3, 3], decoder: [3, 3], ..Sizes::planar() };
+        let mut model = LceModel::<f32>::new(sizes, vec![0; 4], &mut rng);
+        let before = model.clone();
+        // z' = z + (u_1 + z_2 / 2, u_2 / 2), without noise.
+        let count = 500;
+        let mut codes = vec![0.0; count * 8];
+        let mut actions = vec![0.0; count * 2];
+        for (code, u) in codes.chunks_exact_mut(8).zip(actions.chunks_exact_mut(2)) {
+            code[..2].fill_with(|| noise::uniform(&mut rng, -2.0, 2.0));
+            u.fill_with(|| noise::uniform(&mut rng, -1.0, 1.0));
+            (code[4], code[5]) = (code[0] + u[0] + 0.5 * code[1], code[1] + 0.5 * u[1]);
+        }
+        refit(&mut model, &codes, &actions, 1500, 5e-3, &mut rng);
+
+        let z: Vec<f32> = codes.chunks_exact(8).flat_map(|code| &code[..2]).copied().collect();
+        let predicted = model.predict_mean(&z, &actions);
+        let errors = predicted.chunks(2).zip(codes.chunks(8)).flat_map(|(z, code)| [z[0] - code[4], z[1] - code[5]]);
+        let rms = (errors.map(|e| e * e).sum::<f32>() / (2 * count) as f32).sqrt();
+        assert!(rms < 0.05, "{rms}");
+        let changed = (0..model.arena.len()).filter(|&i| model.arena[i] != before.arena[i]);
+        let net = model.nets.dynamics;
+        assert!(changed.into_iter().all(|i| i >= net.layers[0].at && i < net.layers[2].at + net.layers[2].len()));
+    }
+}
