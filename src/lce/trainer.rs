@@ -70,6 +70,7 @@ pub struct Trainer<T = f32> {
     /// Its optimiser.
     pub adam: Adam<T>,
     settings: AdamSettings,
+    dropout: f64,
     /// Buffers of the loss or of the warm-up: whichever was asked last, since they are large.
     buffers: Buffers<T>,
     batch: Gathered<T>,
@@ -107,6 +108,7 @@ impl<T: Real> Buffers<T> {
 /// Buffers for what a batch is gathered into.
 #[derive(Debug, Default)]
 struct Gathered<T> {
+    thinned: Option<Pictures>,
     pairs: Vec<u32>,
     x: Vec<u32>,
     actions: Vec<T>,
@@ -115,7 +117,7 @@ struct Gathered<T> {
 }
 
 impl<T: Real> Gathered<T> {
-    fn gather(&mut self, data: &Data<T>, which: &[u32], noise_width: usize, rng: &mut Rng) {
+    fn gather(&mut self, data: &Data<T>, which: &[u32], noise_width: usize, dropout: f64, rng: &mut Rng) {
         self.pairs.clear();
         self.x.clear();
         self.actions.clear();
@@ -126,13 +128,23 @@ impl<T: Real> Gathered<T> {
         }
         self.noise.resize(which.len() * noise_width, T::nil());
         noise::fill_normal(rng, &mut self.noise);
+        if dropout > 0.0 {
+            self.thinned = Some(data.pictures.thinned(&self.pairs, dropout, rng));
+            self.pairs.iter_mut().zip(0..).for_each(|(picture, i)| *picture = i);
+            self.x.iter_mut().zip(0..).for_each(|(picture, i)| *picture = 2 * i);
+        }
     }
 }
 
 impl<T: Real> Trainer<T> {
     /// Goes on training `model` with the optimiser's state.
     pub fn new(model: LceModel<T>, adam: Adam<T>, settings: AdamSettings) -> Self {
-        Self { model, adam, settings, buffers: Buffers::None, batch: Gathered::default() }
+        Self { model, adam, settings, dropout: 0.0, buffers: Buffers::None, batch: Gathered::default() }
+    }
+
+    /// Networks miss this share of the squares that they read, others at every step: see [`Pictures::thinned`].
+    pub fn set_dropout(&mut self, share: f64) {
+        self.dropout = share;
     }
 
     /// Changes the optimiser's step size.
@@ -150,9 +162,10 @@ impl<T: Real> Trainer<T> {
         decode: bool,
         rng: &mut Rng,
     ) -> WarmUpTerms {
-        self.batch.gather(data, which, 2 * self.model.sizes.latent, rng);
-        let Gathered { pairs, actions, noise, .. } = &self.batch;
-        let batch = WarmUpBatch { pictures: &data.pictures, pairs, actions, noise, decode };
+        self.batch.gather(data, which, 2 * self.model.sizes.latent, self.dropout, rng);
+        let Gathered { thinned, pairs, actions, noise, .. } = &self.batch;
+        let pictures = thinned.as_ref().unwrap_or(&data.pictures);
+        let batch = WarmUpBatch { pictures, pairs, actions, noise, decode };
         let workspace = self.buffers.warm_up(&self.model);
         let terms = workspace.step(threads, &self.model, settings, &batch);
         self.adam.step(threads, self.settings, &mut self.model.arena, workspace.gradient());
@@ -169,17 +182,17 @@ impl<T: Real> Trainer<T> {
         rng: &mut Rng,
     ) -> Terms {
         let width = noise_width(self.model.sizes.latent, self.model.sizes.action);
-        self.batch.gather(data, which, width, rng);
+        self.batch.gather(data, which, width, self.dropout, rng);
         if let Some(guidance) = objective.guidance {
             self.batch.guidance.clear();
             self.batch.guidance.extend(which.iter().map(|&i| guidance[i as usize]));
         }
-        let Gathered { pairs, x, actions, noise, guidance } = &self.batch;
+        let Gathered { thinned, pairs, x, actions, noise, guidance } = &self.batch;
         let by_sample = |sample: usize, z: &[T], weight: T, d_z: &mut [T]| {
             objective.regularizer.map_or(T::nil(), |regularizer| regularizer(which[sample] as usize, z, weight, d_z))
         };
         let batch = Batch {
-            pictures: &data.pictures,
+            pictures: thinned.as_ref().unwrap_or(&data.pictures),
             pairs,
             x,
             actions,

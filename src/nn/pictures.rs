@@ -6,7 +6,8 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::{Real, arch, join, mlp::Linear, vectorize};
+use super::{Real, arch, join, mlp::Linear, noise, vectorize};
+use crate::rng::Rng;
 
 /// Squares of pixels that networks read as one number, how much of it is lit, and that they give one probability.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -32,7 +33,7 @@ impl Squares {
 }
 
 /// Pictures of one size with values 0 and 1.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Pictures {
     pixels: usize,
     squares: Option<Squares>,
@@ -41,17 +42,20 @@ pub struct Pictures {
     reference_lit: Vec<u32>,
     starts: Vec<u32>,
     /// An entry, and in the lowest [`LEVEL_BITS`] bits what it is instead of what the reference has: of a pixel
-    /// [`LIT`] or [`DARK`], of a square how many of its pixels are lit.
+    /// [`LIT`] or [`DARK`], of a square how many of its pixels are lit. With [`UNREAD`] networks do not read it.
     changes: Vec<u32>,
+    /// How much louder than it is a change is read.
+    loudness: f64,
 }
 
 const LEVEL_BITS: u32 = 8;
 const LEVELS: usize = 1 << LEVEL_BITS;
 const LIT: u32 = 0;
 const DARK: u32 = 1;
+const UNREAD: u32 = 1 << 31;
 
 fn entry(change: u32) -> usize {
-    (change >> LEVEL_BITS) as usize
+    ((change & !UNREAD) >> LEVEL_BITS) as usize
 }
 
 fn level(change: u32) -> usize {
@@ -64,14 +68,14 @@ impl Pictures {
         let reference_lit = (0_u32..).zip(reference).filter(|&(_, &p)| p != 0).map(|(pixel, _)| pixel).collect();
         let reference: Vec<bool> = reference.iter().map(|&p| p != 0).collect();
         let pixels = reference.len();
-        Self { pixels, squares: None, reference, reference_lit, starts: vec![0], changes: Vec::new() }
+        Self { pixels, squares: None, reference, reference_lit, starts: vec![0], changes: Vec::new(), loudness: 1.0 }
     }
 
     /// No pictures yet, of so many pixels, to be read in squares.
     pub fn in_squares(pixels: usize, squares: Squares) -> Self {
         let reference = vec![false; pixels / squares.area()];
         let (reference_lit, starts, changes) = (Vec::new(), vec![0], Vec::new());
-        Self { pixels, squares: Some(squares), reference, reference_lit, starts, changes }
+        Self { pixels, squares: Some(squares), reference, reference_lit, starts, changes, loudness: 1.0 }
     }
 
     /// Adds pictures that lie one after the other; any non-zero byte is lit.
@@ -95,24 +99,46 @@ impl Pictures {
         }
     }
 
+    /// The pictures `which` of these for one step of training: networks read every lit square with probability 1 - `share`
+    /// only, and louder by that, so that means stay (dropout). What is to be decoded stays whole.
+    ///
+    /// # Panics
+    ///
+    /// If pictures are read by pixels.
+    pub fn thinned(&self, which: &[u32], share: f64, rng: &mut Rng) -> Self {
+        assert!(self.squares.is_some(), "only squares are thinned");
+        let (mut starts, mut changes) = (vec![0], Vec::new());
+        for &picture in which {
+            let unread = |&change: &u32| {
+                let is_unread = f64::from(noise::uniform(rng, 0.0, 1.0)) < share;
+                if is_unread { change | UNREAD } else { change }
+            };
+            changes.extend(self.changes(picture).iter().map(unread));
+            starts.push(changes.len() as u32);
+        }
+        let (reference, reference_lit) = (self.reference.clone(), self.reference_lit.clone());
+        let (pixels, squares, loudness) = (self.pixels, self.squares, 1.0 / (1.0 - share));
+        Self { pixels, squares, reference, reference_lit, starts, changes, loudness }
+    }
+
     /// Pixels that an entry stands for.
     pub fn area(&self) -> usize {
         self.squares.map_or(1, Squares::area)
     }
 
     /// What every level of a change adds to an entry.
-    fn factors<T: Real>(&self) -> [T; LEVELS] {
+    fn factors<T: Real>(&self) -> Factors<T> {
         let mut factors = [T::nil(); LEVELS];
         match self.squares {
             None => (factors[LIT as usize], factors[DARK as usize]) = (T::unit(), -T::unit()),
             Some(squares) => {
                 let area = squares.area();
                 for (count, factor) in factors[..=area].iter_mut().enumerate() {
-                    *factor = T::of(count as f64 / area as f64);
+                    *factor = T::of(count as f64 / area as f64 * self.loudness);
                 }
             }
         }
-        factors
+        Factors(factors)
     }
 
     /// How many pictures.
@@ -221,6 +247,16 @@ impl Pictures {
     }
 }
 
+/// See [`Pictures::factors`].
+struct Factors<T>([T; LEVELS]);
+
+impl<T: Real> Factors<T> {
+    #[inline(always)]
+    fn of(&self, change: u32) -> T {
+        if change & UNREAD == 0 { self.0[level(change)] } else { T::nil() }
+    }
+}
+
 /// Vectors of outputs that a loop over changes keeps in registers. A block of columns this wide stays in the cache next
 /// to the nearest.
 const VECTORS: usize = 4;
@@ -272,7 +308,7 @@ impl<T: Real> Affine<'_, T> {
         for (&picture, y) in self.which.iter().zip(self.y.chunks_exact_mut(self.place.stride)) {
             let mut sums: [T::V<S>; V] = std::array::from_fn(|v| base[v]);
             for &change in self.pictures.changes(picture) {
-                let factor = T::splat(simd, factors[level(change)]);
+                let factor = T::splat(simd, factors.of(change));
                 let w = T::cut::<S>(&self.w[entry(change) * n_out + at..][..V * lanes]);
                 for v in 0..V {
                     sums[v] = T::mul_add(simd, factor, w[v], sums[v]);
@@ -293,7 +329,7 @@ impl<T: Real> Affine<'_, T> {
             y.copy_from_slice(&self.base[at..]);
             for &change in self.pictures.changes(picture) {
                 for (y, &w) in y.iter_mut().zip(&self.w[entry(change) * n_out + at..]) {
-                    *y = factors[level(change)].fma(w, *y);
+                    *y = factors.of(change).fma(w, *y);
                 }
             }
             if self.relu {
@@ -353,7 +389,7 @@ impl<T: Real> WeightGradient<'_, T> {
             let dy = T::cut::<S>(&dy[self.place.offset + at..][..V * lanes]);
             let dy: [T::V<S>; V] = std::array::from_fn(|v| dy[v]);
             for &change in pictures.changes_at(picture, self.entries()) {
-                let factor = T::splat(simd, factors[level(change)]);
+                let factor = T::splat(simd, factors.of(change));
                 let entry = entry(change) - self.first;
                 let dw = T::cut_mut::<S>(&mut self.dw[entry * self.n_out + at..][..V * lanes]);
                 for v in 0..V {
@@ -372,7 +408,7 @@ impl<T: Real> WeightGradient<'_, T> {
             for &change in pictures.changes_at(picture, self.entries()) {
                 let entry = entry(change) - self.first;
                 for (dw, &dy) in self.dw[entry * n_out..][at..n_out].iter_mut().zip(dy) {
-                    *dw = factors[level(change)].fma(dy, *dw);
+                    *dw = factors.of(change).fma(dy, *dw);
                 }
             }
         }
@@ -408,7 +444,7 @@ mod tests {
     use rand::SeedableRng as _;
 
     use super::*;
-    use crate::nn::{mat::Into, mlp::Layout, noise};
+    use crate::nn::{mat::Into, mlp::Layout};
 
     #[test]
     fn differences_give_the_dense_product_and_its_gradient() {
@@ -480,5 +516,33 @@ mod tests {
         layer.gradient(1, &mut want, Into::Replace, &x, &dy);
         pictures.gradient(2, &layer, &mut got, &which, &dy, place);
         assert!(want.iter().zip(&got).all(|(a, b)| (a - b).abs() < 1e-13));
+    }
+
+    #[test]
+    fn thinned_squares_are_read_right_on_average_and_decoded_whole() {
+        let mut rng = Rng::seed_from_u64(6);
+        let (squares, pixels, count) = (Squares { columns: 4, side: 2 }, 16, 3);
+        let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(noise::index(&mut rng, 2) == 0)).collect();
+        let mut pictures = Pictures::in_squares(pixels, squares);
+        pictures.extend(&frames);
+        let mut layout = Layout::default();
+        let layer = layout.linear("first", 4, 2);
+        let arena: Vec<f64> = layout.initialize(&mut rng);
+        let read = |pictures: &Pictures, which: &[u32]| {
+            let (mut base, mut y) = (vec![0.0; 2], vec![0.0; 2 * which.len()]);
+            pictures.base(&layer, &arena, &mut base);
+            pictures.affine(&layer, &arena, &base, which, &mut y, Place { stride: 2, offset: 0 }, false);
+            y
+        };
+        let whole = read(&pictures, &[2, 0]);
+        let (mut mean, draws) = (vec![0.0; 4], 4000);
+        for _ in 0..draws {
+            let thinned = pictures.thinned(&[2, 0], 0.25, &mut rng);
+            assert!(thinned.lit(0).eq(pictures.lit(2)) && thinned.lit(1).eq(pictures.lit(0)));
+            let y = read(&thinned, &[0, 1]);
+            mean.iter_mut().zip(y).for_each(|(mean, y)| *mean += y / f64::from(draws));
+        }
+        assert!(mean.iter().zip(&whole).all(|(a, b)| (a - b).abs() < 0.03), "{mean:?} {whole:?}");
+        assert_ne!(read(&pictures.thinned(&[2, 0], 0.25, &mut rng), &[0, 1]), whole);
     }
 }

@@ -69,6 +69,9 @@ impl Stage for TrainLce {
         let learning_rate = if warm_up_epochs > 0 { params.warm_up_learning_rate } else { params.learning_rate };
         let settings = AdamSettings { learning_rate, weight_decay: params.weight_decay };
         let mut trainer = Trainer::new(start.model, start.adam, settings);
+        if trainer.model.sizes.squares.is_some() {
+            trainer.set_dropout(params.input_dropout);
+        }
         let probe = cx.map_probe();
         let ramp_epochs = if is_warm { 0 } else { params.ramp_epochs };
         let steps_of_epoch = data.len().div_ceil(BATCH) as u64;
@@ -149,7 +152,12 @@ fn fresh(params: &Params, transitions: &Transitions, cx: &StageCx<'_>) -> anyhow
     };
     let mut sizes = Sizes { slopes: params.slopes == Slopes::Amortized, ..sizes };
     if params.networks == Networks::Squares {
-        let squares = Squares { columns: transitions.picture.1, side: 8 };
+        let ((rows, columns), side) = (transitions.picture, params.square as usize);
+        anyhow::ensure!(
+            rows % side == 0 && columns % side == 0,
+            "pictures of {rows} x {columns} pixels cannot be cut into squares of {side}: change `square`"
+        );
+        let squares = Squares { columns, side };
         let (hidden, backward) = ([128; 2], [10, 10, 50, 100]);
         sizes =
             Sizes { convolution: None, squares: Some(squares), encoder: hidden, decoder: hidden, backward, ..sizes };
