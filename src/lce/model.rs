@@ -227,11 +227,11 @@ impl<T: Real> LceModel<T> {
         probabilities
     }
 
-    /// -ln D(x|E(x)) of every picture, at the means of E: how badly it reads, in nats.
-    pub fn misreading(&self, pictures: &Pictures) -> Vec<T> {
+    /// -ln D(x|z) of every picture at its code: how badly it reads, in nats.
+    pub fn misreading(&self, pictures: &Pictures, codes: &[T]) -> Vec<T> {
         let mut nats = Vec::with_capacity(pictures.len());
         let mut delta = vec![T::nil(); self.sizes.entries()];
-        self.each_logits(&self.encode_means(pictures), |logits| {
+        self.each_logits(codes, |logits| {
             nats.push(heads::bernoulli(logits, pictures, nats.len() as u32, T::nil(), &mut delta));
         });
         nats

@@ -129,8 +129,7 @@ impl Stage for TrainLce {
             let (steps, learning_rate) = (params.refit_steps, params.warm_up_learning_rate);
             refit(&mut trainer.model, &codes, &data.actions, steps, learning_rate, rng);
         }
-        judge(cx, &trainer.model, &data, params.warm_up.scale, step);
-        look_for_misplaced_goals(cx, &trainer.model, &transitions, is_warm, step);
+        judge(cx, &trainer.model, &transitions, (params.warm_up.scale, !is_warm), step);
         Ok(TrainedModel { model: trainer.model, adam: trainer.adam })
     }
 }
@@ -283,41 +282,24 @@ fn warn(cx: &mut StageCx<'_>, at: At, sentence: &str) {
     cx.say(sentence);
 }
 
-/// Detectors that need no true state: a collapsed or a folded map is told at once.
-fn judge(cx: &mut StageCx<'_>, model: &LceModel, data: &Data, scale: f64, step: u64) {
-    let found = detectors::of(model, data);
-    cx.figure("code_spread", found.spread);
-    cx.figure("action_alignment", found.alignment);
-    for sentence in found.sentences(scale) {
-        warn(cx, At::new(cx.round, 0, step), &sentence);
-    }
-}
+/// Pictures that detectors look at: the first, which come from everywhere.
+const JUDGED: usize = 1024;
 
-/// Pictures that a goal image is compared with: the first, which come from everywhere.
-const COMPARED: usize = 1024;
-
-/// Says which goal images are probably not where their states are: seldom seen, and put on top of others. In the first
-/// round nobody has been near a goal yet.
-fn look_for_misplaced_goals(
+/// Detectors that need no true state: a collapsed or a folded map, or a misplaced goal, is told at once.
+fn judge(
     cx: &mut StageCx<'_>,
     model: &LceModel,
     transitions: &Transitions,
-    is_warm: bool,
+    (scale, is_first_round): (f64, bool),
     step: u64,
 ) {
-    let compared = transitions.len().min(COMPARED) * transitions.pixels();
-    let pictures = model.pictures(&transitions.observations[..compared]);
-    let ranks = detectors::goal_ranks(model, &pictures, &model.pictures(&transitions.goals));
-    cx.figure("goal_rank", ranks.iter().copied().fold(0.0, f64::max));
-    for (goal, rank) in ranks.into_iter().enumerate().filter(|&(_, rank)| is_warm && rank > MISREAD) {
-        let sentence = format!(
-            "goal image {goal} reads worse than {:.1} % of the first pictures: its code may lie somewhere else",
-            100.0 * rank
-        );
+    let judged = transitions.len().min(JUDGED) * transitions.pixels();
+    let pictures = model.pictures(&transitions.observations[..judged]);
+    let found = detectors::of(model, &pictures, &model.pictures(&transitions.goals));
+    cx.figure("code_spread", found.spread);
+    cx.figure("action_alignment", found.alignment);
+    cx.figure("goal_rank", found.goal_rank());
+    for sentence in found.sentences(scale, is_first_round) {
         warn(cx, At::new(cx.round, 0, step), &sentence);
     }
 }
-
-/// Beyond this share of pictures that read better, a goal image is doubted: goals that were reached in the end had ranks up
-/// to .991 on the way, one that was not had 1 in every round (planar, biased, seeds 2 and 3).
-const MISREAD: f64 = 0.995;
