@@ -185,10 +185,8 @@ impl stage::Params for Params {
                 (params.warm_up.scale, params.warm_up.anchor) = (0.5, 30.0);
                 // Codes of so few pictures jitter as much as they move, and F learns the motion last.
                 params.refit_steps = 3000;
-                if of.task.env == EnvName::ThreePole {
-                    // The last link is a few pixels of three: squares of 8 lose it, and those of 4 are more to learn by heart.
-                    (params.square, params.input_dropout) = (4, 0.2);
-                }
+                // A pole is few pixels wide: squares of 8 lose what it does, and those of 4 are more to learn by heart.
+                (params.square, params.input_dropout) = (4, 0.2);
             }
         }
         params
