@@ -328,8 +328,9 @@ impl<T: Real> Affine<'_, T> {
             let y = &mut y[self.place.offset..][at..n_out];
             y.copy_from_slice(&self.base[at..]);
             for &change in self.pictures.changes(picture) {
+                let factor = factors.of(change);
                 for (y, &w) in y.iter_mut().zip(&self.w[entry(change) * n_out + at..]) {
-                    *y = factors.of(change).fma(w, *y);
+                    *y = factor.fma(w, *y);
                 }
             }
             if self.relu {
@@ -406,9 +407,9 @@ impl<T: Real> WeightGradient<'_, T> {
         for (&picture, dy) in self.which.iter().zip(self.dy.chunks_exact(self.place.stride)) {
             let dy = &dy[self.place.offset..][at..n_out];
             for &change in pictures.changes_at(picture, self.entries()) {
-                let entry = entry(change) - self.first;
+                let (entry, factor) = (entry(change) - self.first, factors.of(change));
                 for (dw, &dy) in self.dw[entry * n_out..][at..n_out].iter_mut().zip(dy) {
-                    *dw = factors.of(change).fma(dy, *dw);
+                    *dw = factor.fma(dy, *dw);
                 }
             }
         }

@@ -158,7 +158,7 @@ impl Default for Params {
 
 impl stage::Params for Params {
     fn preset(of: &PresetOf<'_>) -> Self {
-        let mut params = Self { objective: LossName::given(of), ..Self::default() };
+        let mut params = Self { objective: given(of, "objective", LossName::Carl), ..Self::default() };
         match params.objective {
             LossName::Pcc => params.lambda.prior = params.lambda.encode_decode,
             LossName::Carl if matches!(of.task.env, EnvName::SwingUp | EnvName::ThreePole) => {
@@ -180,13 +180,16 @@ impl stage::Params for Params {
             if of.task.env != EnvName::SwingUp {
                 // A thousand random transitions share no pictures here: whoever sees every pixel, or learns geometry
                 // without decoding, learns them by heart.
-                (params.networks, params.anchor_epochs) = (Networks::Squares, 0);
+                params.networks = given(of, "networks", Networks::Squares);
+                params.anchor_epochs = 0;
                 // An action hardly shows in one step: a map that answers it louder is learned by heart, too.
                 (params.warm_up.scale, params.warm_up.anchor) = (0.5, 30.0);
                 // Codes of so few pictures jitter as much as they move, and F learns the motion last.
                 params.refit_steps = 3000;
-                // A pole is few pixels wide: squares of 8 lose what it does, and those of 4 are more to learn by heart.
-                (params.square, params.input_dropout) = (4, 0.2);
+                if params.networks == Networks::Squares {
+                    // A pole is few pixels wide: squares of 8 lose what it does, those of 4 are more to learn by heart.
+                    (params.square, params.input_dropout) = (4, 0.2);
+                }
             }
         }
         params
@@ -242,12 +245,9 @@ impl stage::Params for Params {
     }
 }
 
-impl LossName {
-    /// The loss that a file names, since other defaults follow from it.
-    fn given(of: &PresetOf<'_>) -> Self {
-        let named = of.given.get("objective").and_then(|objective| Self::deserialize(objective).ok());
-        named.unwrap_or(Self::Carl)
-    }
+/// What a file names, or else `usual`: other defaults follow from it.
+fn given<'a, T: Deserialize<'a>>(of: &PresetOf<'a>, name: &str, usual: T) -> T {
+    of.given.get(name).and_then(|named| T::deserialize(named).ok()).unwrap_or(usual)
 }
 
 /// As far as single precision goes: the paper knows no bound.
