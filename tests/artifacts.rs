@@ -58,7 +58,7 @@ fn model() -> TrainedModel {
     let mut rng = Rng::seed_from_u64(1);
     let model = LceModel::new(sizes, vec![0, 1, 1, 0, 0, 0], &mut rng);
     let [m, v] = [(); 2].map(|()| model.nets.layout.initialize(&mut rng));
-    TrainedModel { model, adam: Adam { m, v, steps: u64::MAX } }
+    TrainedModel { model, adam: Adam { m, v, steps: u64::MAX }, doubted_goals: vec![0, 2] }
 }
 
 fn agent() -> Agent {

@@ -109,8 +109,13 @@ const LEARNING: &[&str] =
 const ACTING: &[&str] = &["control/rollout.rs"];
 
 /// Stages that learn. They may ask which task it is, for widths of networks and presets.
-const LEARNING_STAGES: &[&str] =
-    &["stage/train_lce.rs", "stage/train_lce/params.rs", "stage/train_sac.rs", "stage/distill_policy.rs"];
+const LEARNING_STAGES: &[&str] = &[
+    "stage/train_lce.rs",
+    "stage/train_lce/lesson.rs",
+    "stage/train_lce/params.rs",
+    "stage/train_sac.rs",
+    "stage/distill_policy.rs",
+];
 
 fn source() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("src")

@@ -19,6 +19,8 @@ pub struct TrainedModel {
     pub model: LceModel,
     /// Adam's moments for all of them.
     pub adam: Adam<f32>,
+    /// Goal images whose codes may be those of other places: whoever collects looks around there.
+    pub doubted_goals: Vec<usize>,
 }
 
 impl TrainedModel {
@@ -35,6 +37,8 @@ impl TrainedModel {
 struct About {
     sizes: Sizes,
     adam_steps: u64,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    doubted_goals: Vec<usize>,
 }
 
 /// Writes the layers of an arena as `NAME.weight` \[in, out\] and `NAME.bias` \[out\]: y = x @ weight + bias.
@@ -79,7 +83,8 @@ impl Artifact for TrainedModel {
         let mut optimizer = Tensors::default();
         put_layers(&mut optimizer, "m.", &nets.layout, &self.adam.m);
         put_layers(&mut optimizer, "v.", &nets.layout, &self.adam.v);
-        let about = About { sizes: sizes.clone(), adam_steps: self.adam.steps };
+        let about =
+            About { sizes: sizes.clone(), adam_steps: self.adam.steps, doubted_goals: self.doubted_goals.clone() };
         Ok(Files::from([
             ("model.safetensors".to_owned(), model.bytes()?),
             ("optimizer.safetensors".to_owned(), optimizer.bytes()?),
@@ -88,7 +93,7 @@ impl Artifact for TrainedModel {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let About { sizes, adam_steps } = serde_json::from_slice(file(files, "model.json")?)?;
+        let About { sizes, adam_steps, doubted_goals } = serde_json::from_slice(file(files, "model.json")?)?;
         let Sizes {
             pixels,
             latent,
@@ -138,6 +143,6 @@ impl Artifact for TrainedModel {
         let arena = take_layers(&tensors, "", &nets.layout)?;
         let background = tensors.u8("background")?;
         ensure!(background.len() == sizes.pixels, "a background of {} pixels, not {}", background.len(), sizes.pixels);
-        Ok(Self { model: LceModel { sizes, nets, arena, background }, adam })
+        Ok(Self { model: LceModel { sizes, nets, arena, background }, adam, doubted_goals })
     }
 }

@@ -42,6 +42,8 @@ pub enum Acting {
     Mean,
     /// A sample of the policy.
     Sample,
+    /// Samples of the policy for so many steps, then uniformly random actions.
+    SampleThenRandom(usize),
 }
 
 /// One step of an episode, as the world saw it.
@@ -113,11 +115,16 @@ pub fn run(
 ) -> Vec<Step> {
     let mut observer = Observer::new(model, 1);
     let z_goal = observer.mean(&env.picture(&episode.goal));
+    let mut step = 0;
     walk(env, episode, steps, rng, |seen, rng| {
         let z = observer.mean(seen.picture);
         let mut epsilon = vec![0.0; agent.action];
         noise::fill_normal(rng, &mut epsilon);
-        let mut action = agent.act(&z, &z_goal, (acting == Acting::Sample).then_some(&epsilon));
+        let mut action = agent.act(&z, &z_goal, (acting != Acting::Mean).then_some(&epsilon));
+        if matches!(acting, Acting::SampleThenRandom(steps) if step >= steps) {
+            action.fill_with(|| noise::uniform(rng, -1.0, 1.0));
+        }
+        step += 1;
         unstick.apply(seen.is_stuck, &mut action, rng);
         action
     })

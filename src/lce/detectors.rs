@@ -68,28 +68,43 @@ impl Detectors {
         self.goal_ranks.iter().copied().fold(0.0, f64::max)
     }
 
-    /// What is wrong, a sentence each. Under an anchor of a small `scale` actions hardly show, and good maps were seen
-    /// with any alignment. In the first round nobody has been near a goal yet, and none is doubted.
-    pub fn sentences(&self, scale: f64, is_first_round: bool) -> Vec<String> {
-        let mut sentences = Vec::new();
+    /// Goal images that read worse than nearly every picture.
+    pub fn doubted_goals(&self) -> Vec<usize> {
+        (0..self.goal_ranks.len()).filter(|&goal| self.goal_ranks[goal] > MISREAD).collect()
+    }
+
+    /// Why a goal image is doubted.
+    pub fn doubt(&self, goal: usize) -> String {
+        let percent = 100.0 * self.goal_ranks[goal];
+        format!(
+            "goal image {goal} reads worse than {percent:.1} % of the first pictures: its code may lie somewhere else"
+        )
+    }
+
+    /// The more, the better the map. Under an anchor of a small `scale` actions hardly show, and good maps were seen with
+    /// any alignment.
+    pub fn soundness(&self, scale: f64) -> f64 {
         if self.spread < 1.0 {
-            sentences.push(format!(
+            self.spread - 1.0
+        } else if scale >= 1.0 {
+            self.alignment
+        } else {
+            1.0
+        }
+    }
+
+    /// What is wrong with the map, if anything is.
+    pub fn fault(&self, scale: f64) -> Option<String> {
+        match self.soundness(scale) {
+            below if below < 0.0 => Some(format!(
                 "the map has collapsed: codes spread {:.2} times as wide as the encoder's own noise",
                 self.spread
-            ));
-        } else if self.alignment < 0.8 && scale >= 1.0 {
-            sentences.push(format!(
-                "the map is folded or twisted: the same action moves codes differently (alignment {:.2}, below 0.8)",
-                self.alignment
-            ));
+            )),
+            alignment if alignment < 0.8 => Some(format!(
+                "the map is folded or twisted: the same action moves codes differently (alignment {alignment:.2}, below 0.8)"
+            )),
+            _ => None,
         }
-        for (goal, rank) in self.goal_ranks.iter().enumerate().filter(|&(_, &rank)| !is_first_round && rank > MISREAD) {
-            sentences.push(format!(
-                "goal image {goal} reads worse than {:.1} % of the first pictures: its code may lie somewhere else",
-                100.0 * rank
-            ));
-        }
-        sentences
     }
 }
 

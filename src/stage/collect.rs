@@ -15,7 +15,7 @@ use crate::{
     },
     env::EnvName,
     nn::noise,
-    record::{At, topic},
+    record::{At, Level, topic},
 };
 
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -25,13 +25,15 @@ pub(super) struct Params {
     samples: u64,
     /// Steps after which an episode ends; T at most.
     episode: u64,
+    /// Share of an episode, at its end, that acts at random where the model doubts its goal.
+    explore: f64,
     /// Whether the last episode of the input `last` goes on; otherwise every collection begins at a start.
     r#continue: bool,
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { samples: 128, episode: 400, r#continue: false }
+        Self { samples: 128, episode: 400, explore: 0.5, r#continue: false }
     }
 }
 
@@ -40,12 +42,15 @@ impl super::Params for Params {
         let horizon = of.task.open().horizon() as u64;
         // What has fallen, or left the picture, shows nothing more.
         let falls = of.preset == Preset::Recipe && of.task.env == EnvName::CartPole;
-        Self { episode: if falls { 60 } else { horizon }, ..Self::default() }
+        // The paper's episodes follow the policy throughout.
+        let explore = if of.preset == Preset::Paper { 0.0 } else { Self::default().explore };
+        Self { episode: if falls { 60 } else { horizon }, explore, ..Self::default() }
     }
 
     fn check(&self) -> Vec<Refusal> {
         let mut refusals = super::at_least_one("samples", self.samples);
         refusals.extend(super::at_least_one("episode", self.episode));
+        super::within(&mut refusals, "explore", self.explore, 0.0, 1.0);
         refusals
     }
 
@@ -86,6 +91,16 @@ impl Stage for Collect {
         let total = params.samples as usize;
         let mut standing = inputs.last.and_then(|last| last.standing).filter(|_| params.r#continue);
         let longest = env.horizon().min(params.episode as usize);
+        let follows = ((1.0 - params.explore) * longest as f64).round() as usize;
+        let doubted = &inputs.model.doubted_goals;
+        if follows < longest && !doubted.is_empty() {
+            let goals: Vec<_> = doubted.iter().map(ToString::to_string).collect();
+            let goals = goals.join(", ");
+            let sentence =
+                format!("the model doubts its goal images {goals}: episodes to them end with random actions");
+            cx.record.log(At::new(cx.round, 0, 0), Level::Info, &sentence);
+            cx.say(&sentence);
+        }
         while transitions.len() < total {
             let (episode, done) = if let Some(Standing { before, state, goal: its_goal, steps }) = standing.take() {
                 anyhow::ensure!(its_goal < goals.len(), "the last episode had goal {its_goal}, of another task");
@@ -97,7 +112,12 @@ impl Stage for Collect {
             };
             let steps = longest.saturating_sub(done).min(total - transitions.len());
             let controller = (&inputs.model.model, &inputs.agent);
-            let path = rollout::run(&*env, controller, &episode, steps, (Acting::Sample, Unstick::Off), &mut rng);
+            let acting = if doubted.contains(&goal) {
+                Acting::SampleThenRandom(follows.saturating_sub(done))
+            } else {
+                Acting::Sample
+            };
+            let path = rollout::run(&*env, controller, &episode, steps, (acting, Unstick::Off), &mut rng);
             for step in &path {
                 transitions.push(&step.before, &step.action, &step.after, goal as u32);
             }

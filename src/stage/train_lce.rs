@@ -1,8 +1,12 @@
 //! Learns the representation: encoder, dynamics, decoder and backward dynamics (paper, lines 3-7 of the CARL algorithm).
 
+mod lesson;
 mod params;
 
-use self::params::{LossName, Networks, Params, Slopes};
+use self::{
+    lesson::{Lesson, OwnedRegularizer},
+    params::{LossName, Params},
+};
 use super::{Stage, StageCx, inputs};
 use crate::{
     artifact::{TrainedModel, Transitions},
@@ -11,18 +15,9 @@ use crate::{
         guidance::{Seen, Spread},
         regularizer::PolicyRegularizer,
     },
-    env::EnvName,
     lce::{
-        LceModel, Sizes, detectors,
-        model::background,
-        objective::{Terms, Weights},
-        refit::refit,
-        trainer::{BATCH, Data, Trainer},
-    },
-    nn::{
-        adam::{Adam, AdamSettings},
-        noise,
-        pictures::Squares,
+        LceModel,
+        detectors::{self, Detectors},
     },
     record::{At, Level, topic},
 };
@@ -54,124 +49,45 @@ impl Stage for TrainLce {
 
     fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<TrainedModel> {
         let transitions = Transitions::concat(&inputs.transitions)?;
-        let is_warm = inputs.warm_start.is_some();
         let regularizer = l_reg(params, &inputs, &transitions);
         let guidance = value_guided(params, &inputs, &transitions, cx)?;
-        let mut start = inputs.warm_start.clone().map_or_else(|| fresh(params, &transitions, cx), Ok)?;
-        let has_slopes = start.model.nets.slopes.is_some();
-        anyhow::ensure!(
-            has_slopes == (params.slopes == Slopes::Amortized),
-            "`slopes` differs from what the model of `warm_start` was trained with"
-        );
-        start.set_drift(params.drift);
-        let data = transitions.data(&start.model);
-        let warm_up_epochs = if is_warm { 0 } else { params.warm_up_epochs };
-        let learning_rate = if warm_up_epochs > 0 { params.warm_up_learning_rate } else { params.learning_rate };
-        let settings = AdamSettings { learning_rate, weight_decay: params.weight_decay };
-        let mut trainer = Trainer::new(start.model, start.adam, settings);
-        if trainer.model.sizes.squares.is_some() {
-            trainer.set_dropout(params.input_dropout);
-        }
-        let probe = cx.map_probe();
-        let ramp_epochs = if is_warm { 0 } else { params.ramp_epochs };
-        let steps_of_epoch = data.len().div_ceil(BATCH) as u64;
-        let mut step = 0;
-        for epoch in 0..params.epochs {
-            let mut rng = cx.rng(("batches", epoch));
-            let order = shuffled(data.len(), &mut rng);
-            let mut loss = 0.0;
-            if epoch == warm_up_epochs {
-                trainer.set_learning_rate(params.learning_rate);
+        let mut lesson = Lesson { params, transitions: &transitions, regularizer, guidance, epoch: 0, step: 0 };
+        let is_first_round = inputs.warm_start.is_none();
+        let mut trained = match inputs.warm_start.clone() {
+            Some(warm) => lesson.go_on(warm, cx)?,
+            None => lesson.begin(0, params.epochs, cx)?,
+        };
+        let mut found = judge(&trained.model, &transitions);
+        let scale = params.warm_up.scale;
+        let (mut last, mut restarts) = (found.fault(scale), 0);
+        while let Some(fault) = last.take_if(|_| restarts < params.restarts) {
+            restarts += 1;
+            let again = format!("training begins again with other weights ({restarts} of {})", params.restarts);
+            warn(cx, lesson.now(cx.round), &format!("{fault}; {again}"));
+            let before = if is_first_round { 0 } else { params.warm_up_epochs + params.ramp_epochs };
+            let other = lesson.begin(restarts, before + params.epochs, cx)?;
+            let found_there = judge(&other.model, &transitions);
+            last = found_there.fault(scale);
+            if found_there.soundness(scale) > found.soundness(scale) {
+                (trained, found) = (other, found_there);
             }
-            for which in order.chunks(BATCH) {
-                let at = At::new(cx.round, epoch as u32, step);
-                let threads = cx.threads.get();
-                if epoch < warm_up_epochs {
-                    let terms = trainer.warm_up_step(
-                        threads,
-                        &data,
-                        which,
-                        &params.warm_up,
-                        epoch >= params.anchor_epochs,
-                        &mut rng,
-                    );
-                    cx.record.scalars(
-                        topic::TRAIN_WARM_UP,
-                        at,
-                        &[
-                            ("encode_decode", terms.encode_decode),
-                            ("prediction", terms.prediction),
-                            ("consistency", terms.consistency),
-                            ("anchor", terms.anchor),
-                        ],
-                    );
-                    loss = terms.prediction;
-                } else {
-                    let done = step - warm_up_epochs * steps_of_epoch;
-                    let ramp = ramp_epochs * steps_of_epoch;
-                    let objective = params.objective_at(done, ramp, regularizer.as_deref(), guidance.as_deref());
-                    let terms = trainer.step(threads, &data, which, &objective, &mut rng);
-                    record(cx, at, &terms, &objective.weights);
-                    loss = terms.deterministic;
-                }
-                step += 1;
-            }
-            if epoch % params.map_every == 0 || epoch + 1 == params.epochs {
-                let at = At::new(cx.round, epoch as u32, step - 1);
-                probe.record(&trainer.model, cx.record, at);
-                pictures(cx, at, &transitions, &data, &trainer.model);
-            }
-            cx.tick(epoch + 1, params.epochs, &format!("decoding {loss:.1} nats"))?;
         }
-        if params.refit_steps > 0 && params.slopes == Slopes::Exact {
-            let codes = trainer.model.encode(&data.pictures);
-            let rng = &mut cx.rng("refit");
-            let (steps, learning_rate) = (params.refit_steps, params.warm_up_learning_rate);
-            refit(&mut trainer.model, &codes, &data.actions, steps, learning_rate, rng);
+        // In the first round nobody has been near a goal yet, and none is doubted.
+        trained.doubted_goals = if is_first_round { Vec::new() } else { found.doubted_goals() };
+        let goals = trained.doubted_goals.iter().map(|&goal| found.doubt(goal));
+        for sentence in found.fault(scale).into_iter().chain(goals) {
+            warn(cx, lesson.now(cx.round), &sentence);
         }
-        judge(cx, &trainer.model, &transitions, (params.warm_up.scale, !is_warm), step);
-        Ok(TrainedModel { model: trainer.model, adam: trainer.adam })
+        cx.figure("restarts", restarts as f64);
+        cx.figure("code_spread", found.spread);
+        cx.figure("action_alignment", found.alignment);
+        cx.figure("goal_rank", found.goal_rank());
+        Ok(trained)
     }
 }
-
-fn shuffled(count: usize, rng: &mut crate::rng::Rng) -> Vec<u32> {
-    let mut order: Vec<u32> = (0..count as u32).collect();
-    noise::shuffle(rng, &mut order);
-    order
-}
-
-/// A model with random weights whose widths suit the task.
-fn fresh(params: &Params, transitions: &Transitions, cx: &StageCx<'_>) -> anyhow::Result<TrainedModel> {
-    let sizes = match cx.task.env {
-        EnvName::Planar => Sizes::planar(),
-        EnvName::SwingUp => Sizes::swing_up(),
-        EnvName::CartPole => Sizes::cart_pole(),
-        // Fewer links have fewer torques.
-        EnvName::ThreePole => Sizes { action: transitions.action_dim, ..Sizes::three_pole() },
-    };
-    let mut sizes = Sizes { slopes: params.slopes == Slopes::Amortized, ..sizes };
-    if params.networks == Networks::Squares {
-        let ((rows, columns), side) = (transitions.picture, params.square as usize);
-        anyhow::ensure!(
-            rows % side == 0 && columns % side == 0,
-            "pictures of {rows} x {columns} pixels cannot be cut into squares of {side}: change `square`"
-        );
-        let squares = Squares { columns, side };
-        let (hidden, backward) = ([128; 2], [10, 10, 50, 100]);
-        sizes =
-            Sizes { convolution: None, squares: Some(squares), encoder: hidden, decoder: hidden, backward, ..sizes };
-    }
-    anyhow::ensure!(!transitions.is_empty(), "there are no transitions to learn from");
-    let background = background(&transitions.frames(), transitions.pixels());
-    let model = LceModel::new(sizes, background, &mut cx.rng("weights"));
-    let adam = Adam::new(model.arena.len());
-    Ok(TrainedModel { model, adam })
-}
-
-type Owned<'a> = Box<dyn Fn(usize, &[f32], f32, &mut [f32]) -> f32 + Sync + 'a>;
 
 /// L_reg, where it has a weight and a policy under an old encoder.
-fn l_reg<'a>(params: &Params, inputs: &'a Inputs, transitions: &Transitions) -> Option<Owned<'a>> {
+fn l_reg<'a>(params: &Params, inputs: &'a Inputs, transitions: &Transitions) -> Option<OwnedRegularizer<'a>> {
     let (Some(old), Some(policy)) = (&inputs.warm_start, &inputs.policy) else { return None };
     if params.lambda.regularizer == 0.0 {
         return None;
@@ -239,43 +155,6 @@ fn record_guidance(cx: &mut StageCx<'_>, errors: &[f32], weights: &[f32]) {
     }
 }
 
-fn record(cx: &mut StageCx<'_>, at: At, terms: &Terms, weights: &Weights) {
-    cx.record.scalars(
-        topic::TRAIN_LCE,
-        at,
-        &[
-            ("total", terms.total(weights)),
-            ("reconstruction", terms.reconstruction),
-            ("consistency", terms.consistency()),
-            ("kl_backward", terms.kl_backward),
-            ("entropy", terms.entropy),
-            ("log_density", terms.log_density),
-            ("curvature", terms.curvature),
-            ("encode_decode", terms.encode_decode),
-            ("deterministic", terms.deterministic),
-            ("prior", terms.prior),
-            ("regularizer", terms.regularizer),
-            ("anchor", terms.anchor),
-            ("consistency_weight", weights.consistency),
-        ],
-    );
-}
-
-/// An observation beside its reconstruction, and the prediction of the next.
-fn pictures(cx: &mut StageCx<'_>, at: At, transitions: &Transitions, data: &Data, model: &LceModel) {
-    let which = (at.epoch as usize * 37) % data.len();
-    let (height, width) = transitions.picture;
-    let x = &transitions.observations[which * transitions.pixels()..][..transitions.pixels()];
-    let z = model.encode_means(&model.pictures(x));
-    let u = &data.actions[which * data.action_dim..][..data.action_dim];
-    let next = model.predict_mean(&z, u);
-    let grey = |probabilities: Vec<f32>| probabilities.iter().map(|p| (p * 255.0) as u8).collect::<Vec<u8>>();
-    let (height, width) = (height as u32, width as u32);
-    cx.record.picture(topic::PICTURE_OBSERVATION, at, height, width, x);
-    cx.record.picture(topic::PICTURE_RECONSTRUCTION, at, height, width, &grey(model.decode(&z)));
-    cx.record.picture(topic::PICTURE_PREDICTION, at, height, width, &grey(model.decode(&next)));
-}
-
 /// Says a sentence in the recording and on the terminal.
 fn warn(cx: &mut StageCx<'_>, at: At, sentence: &str) {
     cx.record.log(at, Level::Warning, sentence);
@@ -285,21 +164,8 @@ fn warn(cx: &mut StageCx<'_>, at: At, sentence: &str) {
 /// Pictures that detectors look at: the first, which come from everywhere.
 const JUDGED: usize = 1024;
 
-/// Detectors that need no true state: a collapsed or a folded map, or a misplaced goal, is told at once.
-fn judge(
-    cx: &mut StageCx<'_>,
-    model: &LceModel,
-    transitions: &Transitions,
-    (scale, is_first_round): (f64, bool),
-    step: u64,
-) {
+fn judge(model: &LceModel, transitions: &Transitions) -> Detectors {
     let judged = transitions.len().min(JUDGED) * transitions.pixels();
     let pictures = model.pictures(&transitions.observations[..judged]);
-    let found = detectors::of(model, &pictures, &model.pictures(&transitions.goals));
-    cx.figure("code_spread", found.spread);
-    cx.figure("action_alignment", found.alignment);
-    cx.figure("goal_rank", found.goal_rank());
-    for sentence in found.sentences(scale, is_first_round) {
-        warn(cx, At::new(cx.round, 0, step), &sentence);
-    }
+    detectors::of(model, &pictures, &model.pictures(&transitions.goals))
 }

@@ -104,6 +104,9 @@ pub(in crate::stage) struct Params {
     pub(super) slopes: Slopes,
     /// Steps at the end that fit F alone to the codes as they are then; none with amortized slopes, whose heads read F.
     pub(super) refit_steps: u64,
+    /// Times that training begins again, with other weights and a warm-up, while detectors find the map collapsed or
+    /// folded; the soundest of the maps stays.
+    pub(super) restarts: u64,
     /// Adam step size; the paper's.
     pub(super) learning_rate: f64,
     /// Adam step size of the warm-up.
@@ -148,6 +151,7 @@ impl Default for Params {
             curvature_sigma: 0.1,
             slopes: Slopes::Exact,
             refit_steps: 0,
+            restarts: 2,
             learning_rate: 5e-4,
             warm_up_learning_rate: 2e-3,
             weight_decay: 1e-3,
@@ -168,8 +172,9 @@ impl stage::Params for Params {
             LossName::ValueGuided => params.guide(of.task.env),
         }
         if of.preset == Preset::Paper {
-            // The paper knows no warm-up, no ramp and no anchor, and says of L_reg only that its weight is small.
+            // The paper knows no warm-up, ramp, anchor nor restart, and says of L_reg only that its weight is small.
             (params.warm_up_epochs, params.ramp_epochs, params.lambda.anchor) = (0, 0, 0.0);
+            params.restarts = 0;
             params.lambda.regularizer = if params.objective == LossName::Pcc { 0.0 } else { 0.01 };
             params.guidance = Guidance { bound: UNBOUNDED, normalize: false, ..params.guidance };
         } else if of.task.env != EnvName::Planar {
