@@ -42,7 +42,10 @@ fn assert_well_formed(svg: &str) {
 #[test]
 fn a_run_is_drawn_as_a_curve_and_a_strip_of_maps() {
     let folder = tempfile::tempdir().unwrap();
-    let ran = carl_pipe(folder.path(), "run pipelines/smoke.toml --sweep seed=0,1,2 -q");
+    let pipeline = folder.path().join("labelled.toml");
+    let smoke = fs::read_to_string("pipelines/smoke.toml").unwrap();
+    fs::write(&pipeline, smoke + "\n[labels]\npaper = \"68.0 ± 1.7\"\n").unwrap();
+    let ran = carl_pipe(folder.path(), &format!("run {} --sweep seed=0,1,2 -q", pipeline.display()));
     assert_eq!(ran.0, Some(0), "{ran:?}");
     let pictures = folder.path().join("new/figures");
     let plotted = carl_pipe(folder.path(), &format!("plot latest --point seed=2 -o {}", pictures.display()));

@@ -45,8 +45,8 @@ impl Axes {
     }
 }
 
-/// Draws the evaluations of a run; there is at least one.
-pub(super) fn draw(pipeline: &str, evaluations: &[&NodeRecord]) -> String {
+/// Draws the evaluations of a run; there is at least one. `paper` is the paper's mean.
+pub(super) fn draw(pipeline: &str, evaluations: &[&NodeRecord], paper: Option<f64>) -> String {
     let goal = by_round(evaluations, "percent_goal");
     let alone = by_round(evaluations, "policy_alone");
     let mut points: Vec<&[(String, String)]> = evaluations.iter().map(|node| &node.point[..]).collect();
@@ -55,7 +55,7 @@ pub(super) fn draw(pipeline: &str, evaluations: &[&NodeRecord]) -> String {
     let environment = evaluations[0].task.open();
     let marks = [
         (environment.ceiling(), "ceiling", CEILING, "stroke-width=\"1.2\""),
-        (environment.paper_online(), "paper's mean", PAPER, "stroke-width=\"1.2\" stroke-dasharray=\"1.5 3\""),
+        (paper, "paper's mean", PAPER, "stroke-width=\"1.2\" stroke-dasharray=\"1.5 3\""),
     ];
     let values = goal.values().chain(alone.values()).flatten().copied().chain(marks.iter().filter_map(|mark| mark.0));
     let axes = axes(&goal, values);

@@ -26,6 +26,7 @@ use crate::{
         runs,
         store::Store,
     },
+    pipeline::Member,
     stage::Kind,
 };
 
@@ -127,7 +128,9 @@ fn by_round(store: &Store, manifest: &Manifest, args: &Args, kinds: &[Kind]) -> 
     if let ([], []) = (&evaluations[..], &maps[..]) {
         return Err(missing(manifest, "neither an evaluation nor a latent map", "percent_goal.svg and latent_map.svg"));
     }
-    let curve = (!evaluations.is_empty()).then(|| curve::draw(&manifest.pipeline, &evaluations));
+    let curve = evaluations
+        .first()
+        .map(|first| curve::draw(&manifest.pipeline, &evaluations, paper(&manifest.members[first.member])));
     let strip = if maps.is_empty() { None } else { Some(map_strip(store, manifest, &maps, &args.point)?) };
     let pictures = [("percent_goal.svg", &curve), ("latent_map.svg", &strip)];
     let drawn = pictures.into_iter().filter_map(|(name, picture)| Some((name.to_owned(), picture.clone()?)));
@@ -137,6 +140,11 @@ fn by_round(store: &Store, manifest: &Manifest, args: &Args, kinds: &[Kind]) -> 
         (_, None) => Err(missing(manifest, "no latent map", "latent_map.svg")),
         _ => Ok(Exit::Ok),
     }
+}
+
+/// The paper's mean of a pipeline, as its label says: `68.0 ± 1.7` is drawn by its mean.
+fn paper(member: &Member) -> Option<f64> {
+    member.labels.get("paper")?.split_whitespace().next()?.parse().ok()
 }
 
 fn missing(manifest: &Manifest, what: &str, files: &str) -> Error {

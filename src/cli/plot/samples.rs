@@ -63,11 +63,9 @@ pub(super) fn curves(outcomes: &[Outcome]) -> BTreeMap<String, Vec<Curve>> {
 
 impl Curve {
     fn of(outcome: &Outcome, point: &[(String, String)], identity: crate::digest::Digest) -> Self {
-        let paper = outcome.member.labels.get("paper");
         Self {
             name: field(outcome, "algorithm"),
-            // `68.0 ± 1.7` is drawn by its mean.
-            paper: paper.and_then(|text| text.split_whitespace().next()?.parse().ok()),
+            paper: super::paper(&outcome.member),
             ceiling: outcome.ceiling,
             stage: outcome.stage.clone(),
             pipeline: outcome.member.pipeline.clone(),
