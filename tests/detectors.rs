@@ -92,6 +92,10 @@ fn a_collapsed_map_of_the_round_before_is_given_up() {
     assert_eq!((ear.figure_of("restarts"), ear.epochs()), (1.0, 1 + 120 + 1));
     let spread = [&warm, &ear].map(|ear| ear.figure_of("code_spread"));
     assert!(spread[1] > 20.0 * spread[0], "{spread:?}");
+    assert!(ear.heard("begins again") && !ear.heard("stays"));
+    let doubted = |files: &Files| TrainedModel::load(files).unwrap().doubted_goals;
+    assert_eq!(doubted(&files).is_empty(), ear.figure_of("goal_rank") <= 0.995, "{:?}", doubted(&files));
+    assert!(doubted(&bad).is_empty(), "nobody has been near a goal in the first round");
     let (again, _) = train(given(1), inputs, 1);
     assert!(files == again, "another number of threads, other bits");
 }
@@ -101,16 +105,30 @@ fn episodes_to_a_doubted_goal_end_with_random_actions() {
     let data = data();
     let (model, _) = train(hardly_trained(0), &[("transitions", &[&data])], 2);
     let agent = tiny::run("train_sac", json!({ "steps": 3 }), &[("transitions", &[&data]), ("model", &[&model])]);
-    let doubting = TrainedModel { doubted_goals: vec![0, 1, 2], ..TrainedModel::load(&model).unwrap() };
-    let doubting = doubting.save().unwrap();
-    let collected = |model: &Files, explore: f64| {
-        let given = json!({ "samples": 40, "explore": explore });
-        let files = tiny::run("collect", given, &[("model", &[model]), ("agent", &[&agent])]);
-        Transitions::load(&files).unwrap().actions
+    let doubting = |goals: &[usize]| {
+        let model = TrainedModel { doubted_goals: goals.to_vec(), ..TrainedModel::load(&model).unwrap() };
+        model.save().unwrap()
     };
-    let [trusting, half, none] = [(&model, 0.5), (&doubting, 0.5), (&doubting, 0.0)].map(|(m, e)| collected(m, e));
+    let transitions = |model: &Files, given: Value| {
+        let files = tiny::run("collect", given, &[("model", &[model]), ("agent", &[&agent])]);
+        Transitions::load(&files).unwrap()
+    };
+    let all = doubting(&[0, 1, 2]);
+    let collected =
+        |model: &Files, explore: f64| transitions(model, json!({ "samples": 40, "explore": explore })).actions;
+    let [trusting, half, none] = [(&model, 0.5), (&all, 0.5), (&all, 0.0)].map(|(m, e)| collected(m, e));
     let (policy, random) = half.split_at(20 * 2);
     assert_eq!(policy, &trusting[..40]);
     assert!(random.iter().zip(&trusting[40..]).all(|(a, b)| a != b));
     assert_eq!(none, trusting);
+    // Of fewer samples than an episode has steps, half of the samples.
+    let few = transitions(&all, json!({ "samples": 20 })).actions;
+    assert!(few[..20] == trusting[..20] && few[20..] != trusting[20..40]);
+    // The first episode's goal is trusted, that of the second is not.
+    let two = transitions(&model, json!({ "samples": 80 }));
+    let second = two.goal_index[40] as usize;
+    assert_ne!(second, two.goal_index[0] as usize);
+    let half = transitions(&doubting(&[second]), json!({ "samples": 80 })).actions;
+    let at = 60 * 2;
+    assert!(half[..at] == two.actions[..at] && half[at..].iter().zip(&two.actions[at..]).all(|(a, b)| a != b));
 }

@@ -103,6 +103,9 @@ fn value_guided_files_have_the_papers_weights() {
         let graph = graph(&files[&format!("{task}_value_guided")], &["preset=paper"]);
         let model = graph.nodes.iter().find(|node| node.name == "represent@1").unwrap();
         let (lambda, guidance) = (&model.params["lambda"], &model.params["guidance"]);
+        let collect = graph.nodes.iter().find(|node| node.name == "collect@1").unwrap();
+        // The paper trains once, and follows its policy throughout.
+        assert_eq!((&model.params["restarts"], &collect.params["explore"]), (&0.into(), &0.0.into()), "{task}");
         assert_eq!(
             (&lambda["prediction"], &lambda["consistency"]),
             (&prediction.into(), &consistency.into()),

@@ -121,7 +121,7 @@ pub fn run(
         let mut epsilon = vec![0.0; agent.action];
         noise::fill_normal(rng, &mut epsilon);
         let mut action = agent.act(&z, &z_goal, (acting != Acting::Mean).then_some(&epsilon));
-        if matches!(acting, Acting::SampleThenRandom(steps) if step >= steps) {
+        if matches!(acting, Acting::SampleThenRandom(follows) if step >= follows) {
             action.fill_with(|| noise::uniform(rng, -1.0, 1.0));
         }
         step += 1;

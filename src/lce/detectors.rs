@@ -81,10 +81,12 @@ impl Detectors {
         )
     }
 
-    /// The more, the better the map. Under an anchor of a small `scale` actions hardly show, and good maps were seen with
+    /// The more, the better the map; -inf where training diverged. Under an anchor of a small `scale` actions hardly show, and good maps were seen with
     /// any alignment.
     pub fn soundness(&self, scale: f64) -> f64 {
-        if self.spread < 1.0 {
+        if self.alignment.is_nan() {
+            f64::NEG_INFINITY
+        } else if self.spread < 1.0 {
             self.spread - 1.0
         } else if scale >= 1.0 {
             self.alignment
@@ -96,6 +98,7 @@ impl Detectors {
     /// What is wrong with the map, if anything is.
     pub fn fault(&self, scale: f64) -> Option<String> {
         match self.soundness(scale) {
+            f64::NEG_INFINITY => Some("training has diverged: codes are not numbers any more".to_owned()),
             below if below < 0.0 => Some(format!(
                 "the map has collapsed: codes spread {:.2} times as wide as the encoder's own noise",
                 self.spread
@@ -141,6 +144,20 @@ mod tests {
                 assert!((f64::from(nats) - sum).abs() < 1e-4, "{nats}, not {sum}");
             }
         }
+    }
+
+    #[test]
+    fn faults_are_told_apart_and_any_is_less_sound_than_none() {
+        let map = |spread, alignment| Detectors { spread, alignment, goal_ranks: Vec::new() };
+        let maps = [map(f64::INFINITY, f64::NAN), map(0.5, 1.0), map(3.0, 0.7), map(3.0, 0.9)];
+        for (map, word) in maps.iter().zip(["diverged", "collapsed", "folded"]) {
+            assert!(map.fault(2.0).unwrap().contains(word));
+        }
+        assert_eq!(maps[3].fault(2.0), None);
+        assert!(maps.windows(2).all(|pair| pair[0].soundness(2.0) < pair[1].soundness(2.0)));
+        // Under a quiet anchor actions hardly show.
+        assert_eq!(maps[2].fault(0.5), None);
+        assert!(maps[0].fault(0.5).is_some() && maps[1].fault(0.5).is_some());
     }
 
     #[test]

@@ -25,7 +25,8 @@ pub(super) struct Params {
     samples: u64,
     /// Steps after which an episode ends; T at most.
     episode: u64,
-    /// Share of an episode, at its end, that acts at random where the model doubts its goal.
+    /// Share of an episode, or of the samples where those are fewer, that acts at random at its end where the model
+    /// doubts its goal.
     explore: f64,
     /// Whether the last episode of the input `last` goes on; otherwise every collection begins at a start.
     r#continue: bool,
@@ -91,13 +92,12 @@ impl Stage for Collect {
         let total = params.samples as usize;
         let mut standing = inputs.last.and_then(|last| last.standing).filter(|_| params.r#continue);
         let longest = env.horizon().min(params.episode as usize);
-        let follows = ((1.0 - params.explore) * longest as f64).round() as usize;
+        let whole = if params.r#continue { longest } else { longest.min(total) };
+        let follows = ((1.0 - params.explore) * whole as f64).round() as usize;
         let doubted = &inputs.model.doubted_goals;
-        if follows < longest && !doubted.is_empty() {
+        if follows < whole && !doubted.is_empty() {
             let goals: Vec<_> = doubted.iter().map(ToString::to_string).collect();
-            let goals = goals.join(", ");
-            let sentence =
-                format!("the model doubts its goal images {goals}: episodes to them end with random actions");
+            let sentence = format!("episodes to doubted goals ({}) end with random actions", goals.join(", "));
             cx.record.log(At::new(cx.round, 0, 0), Level::Info, &sentence);
             cx.say(&sentence);
         }

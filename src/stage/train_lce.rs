@@ -59,18 +59,22 @@ impl Stage for TrainLce {
         };
         let mut found = judge(&trained.model, &transitions);
         let scale = params.warm_up.scale;
-        let (mut last, mut restarts) = (found.fault(scale), 0);
+        let (mut last, mut restarts, mut stays) = (found.fault(scale), 0, 0);
         while let Some(fault) = last.take_if(|_| restarts < params.restarts) {
             restarts += 1;
             let again = format!("training begins again with other weights ({restarts} of {})", params.restarts);
             warn(cx, lesson.now(cx.round), &format!("{fault}; {again}"));
-            let before = if is_first_round { 0 } else { params.warm_up_epochs + params.ramp_epochs };
-            let other = lesson.begin(restarts, before + params.epochs, cx)?;
+            let besides = if is_first_round { 0 } else { params.warm_up_epochs + params.ramp_epochs };
+            let other = lesson.begin(restarts, besides + params.epochs, cx)?;
             let found_there = judge(&other.model, &transitions);
             last = found_there.fault(scale);
             if found_there.soundness(scale) > found.soundness(scale) {
-                (trained, found) = (other, found_there);
+                (trained, found, stays) = (other, found_there, restarts);
             }
+        }
+        if restarts > stays {
+            let sentence = format!("the map of training {} of {} stays", stays + 1, restarts + 1);
+            warn(cx, lesson.now(cx.round), &sentence);
         }
         // In the first round nobody has been near a goal yet, and none is doubted.
         trained.doubted_goals = if is_first_round { Vec::new() } else { found.doubted_goals() };

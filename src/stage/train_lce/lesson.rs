@@ -66,7 +66,7 @@ impl Lesson<'_> {
     /// Trains a new model; every restart has draws of its own.
     pub(super) fn begin(&mut self, restart: u64, epochs: u64, cx: &mut StageCx<'_>) -> anyhow::Result<TrainedModel> {
         let &Params { warm_up_epochs, ramp_epochs, .. } = self.params;
-        let start = fresh(self.params, self.transitions, cx.task.env, &mut cx.rng(("weights", restart << 32)))?;
+        let start = fresh(self.params, self.transitions, cx.task.env, &mut cx.rng(("weights", restart)))?;
         self.train(start, &Course { restart, epochs, warm_up_epochs, ramp_epochs }, cx)
     }
 
@@ -124,7 +124,7 @@ impl Lesson<'_> {
         }
         if params.refit_steps > 0 && params.slopes == Slopes::Exact {
             let codes = trainer.model.encode(&data.pictures);
-            let rng = &mut cx.rng(("refit", course.restart << 32));
+            let rng = &mut cx.rng(("refit", course.restart));
             let (steps, learning_rate) = (params.refit_steps, params.warm_up_learning_rate);
             refit(&mut trainer.model, &codes, &data.actions, steps, learning_rate, rng);
         }

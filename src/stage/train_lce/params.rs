@@ -74,7 +74,7 @@ pub(in crate::stage) struct Lambda {
 pub(in crate::stage) struct Params {
     /// Which loss.
     pub(super) objective: LossName,
-    /// Which encoder and decoder a new model has; after a `warm_start` they stay what they are.
+    /// Which encoder and decoder a new model has; a model that goes on from `warm_start` keeps its own.
     pub(super) networks: Networks,
     /// Rows and columns of the squares of `squares`.
     pub(super) square: u64,
@@ -82,11 +82,12 @@ pub(in crate::stage) struct Params {
     pub(super) input_dropout: f64,
     /// Passes over the transitions, those of warm-up and ramp included.
     pub(super) epochs: u64,
-    /// Of these, passes with the anchored warm-up; none after a `warm_start`.
+    /// Of these, passes with the anchored warm-up; none where a model goes on from `warm_start`.
     pub(super) warm_up_epochs: u64,
     /// Of the warm-up, passes at its beginning that learn the geometry alone: no pictures are decoded.
     pub(super) anchor_epochs: u64,
-    /// Of these, passes over which consistency grows from `ramp_from` to its full weight; none after a `warm_start`.
+    /// Of these, passes over which consistency grows from `ramp_from` to its full weight; none where a
+    /// model goes on from `warm_start`.
     pub(super) ramp_epochs: u64,
     /// Share of the consistency at the beginning of the ramp.
     ramp_from: f64,
@@ -105,7 +106,8 @@ pub(in crate::stage) struct Params {
     /// Steps at the end that fit F alone to the codes as they are then; none with amortized slopes, whose heads read F.
     pub(super) refit_steps: u64,
     /// Times that training begins again, with other weights and a warm-up, while detectors find the map collapsed or
-    /// folded; the soundest of the maps stays.
+    /// folded; the soundest of the maps stays. Instead of going on from `warm_start`, passes of warm-up and ramp are made
+    /// besides `epochs`.
     pub(super) restarts: u64,
     /// Adam step size; the paper's.
     pub(super) learning_rate: f64,
