@@ -86,7 +86,12 @@ fn a_collapsed_map_of_the_round_before_is_given_up() {
     let data = data();
     let (bad, _) = train(hardly_trained(0), &[("transitions", &[&data])], 2);
     let inputs: &tiny::Inputs<'_> = &[("transitions", &[&data]), ("warm_start", &[&bad])];
-    let given = |restarts: u64| json!({ "epochs": 1, "warm_up_epochs": 120, "anchor_epochs": 50, "ramp_epochs": 0, "restarts": restarts });
+    let warm_up = json!({ "epochs": 1, "warm_up_epochs": 120, "anchor_epochs": 50, "ramp_epochs": 0 });
+    let given = |restarts: u64| {
+        let mut given = warm_up.clone();
+        given["restarts"] = json!(restarts);
+        given
+    };
     let (_, warm) = train(given(0), inputs, 2);
     let (files, ear) = train(given(1), inputs, 2);
     assert_eq!((ear.figure_of("restarts"), ear.epochs()), (1.0, 1 + 120 + 1));

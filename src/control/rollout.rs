@@ -122,7 +122,7 @@ pub fn run(
         noise::fill_normal(rng, &mut epsilon);
         let mut action = agent.act(&z, &z_goal, (acting != Acting::Mean).then_some(&epsilon));
         if matches!(acting, Acting::SampleThenRandom(follows) if step >= follows) {
-            action.fill_with(|| noise::uniform(rng, -1.0, 1.0));
+            draw_uniformly(&mut action, rng);
         }
         step += 1;
         unstick.apply(seen.is_stuck, &mut action, rng);
@@ -165,9 +165,13 @@ impl Unstick {
     /// Puts the rule's action in the place of the controller's where the last one changed nothing.
     fn apply(self, is_stuck: bool, action: &mut [f32], rng: &mut Rng) {
         if is_stuck && self == Self::Random {
-            action.fill_with(|| noise::uniform(rng, -1.0, 1.0));
+            draw_uniformly(action, rng);
         }
     }
+}
+
+fn draw_uniformly(action: &mut [f32], rng: &mut Rng) {
+    action.fill_with(|| noise::uniform(rng, -1.0, 1.0));
 }
 
 /// What there is to act on.

@@ -81,8 +81,8 @@ impl Detectors {
         )
     }
 
-    /// The more, the better the map; -inf where training diverged. Under an anchor of a small `scale` actions hardly show, and good maps were seen with
-    /// any alignment.
+    /// The more, the better the map; -inf where training diverged. Under an anchor of a small `scale` actions hardly
+    /// show, and good maps were seen with any alignment.
     pub fn soundness(&self, scale: f64) -> f64 {
         if self.alignment.is_nan() {
             f64::NEG_INFINITY

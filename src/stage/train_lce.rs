@@ -59,15 +59,16 @@ impl Stage for TrainLce {
         };
         let mut found = judge(&trained.model, &transitions);
         let scale = params.warm_up.scale;
-        let (mut last, mut restarts, mut stays) = (found.fault(scale), 0, 0);
-        while let Some(fault) = last.take_if(|_| restarts < params.restarts) {
+        let (mut restarts, mut stays) = (0, 0);
+        while restarts < params.restarts
+            && let Some(fault) = found.fault(scale)
+        {
             restarts += 1;
             let again = format!("training begins again with other weights ({restarts} of {})", params.restarts);
             warn(cx, lesson.now(cx.round), &format!("{fault}; {again}"));
             let besides = if is_first_round { 0 } else { params.warm_up_epochs + params.ramp_epochs };
             let other = lesson.begin(restarts, besides + params.epochs, cx)?;
             let found_there = judge(&other.model, &transitions);
-            last = found_there.fault(scale);
             if found_there.soundness(scale) > found.soundness(scale) {
                 (trained, found, stays) = (other, found_there, restarts);
             }
