@@ -16,7 +16,7 @@ use carl_pipe::{
         mlp::Layout,
         pictures::{Pictures, Place},
     },
-    rng::Rng,
+    num::rng::Rng,
 };
 use divan::{Bencher, counter::ItemsCount};
 use rand::SeedableRng as _;

@@ -5,13 +5,13 @@ pub mod cli;
 pub mod control;
 pub mod diag;
 pub mod digest;
-pub mod engine;
 pub mod env;
 pub mod lce;
 pub mod nn;
+pub mod num;
 pub mod pipeline;
-
 pub mod record;
-pub mod rng;
+pub mod report;
+pub mod run;
 pub mod stage;
-pub mod stats;
+pub mod store;

@@ -4,6 +4,7 @@
 //! from.
 #![allow(unsafe_code, reason = "a global allocator is unsafe by contract")]
 
+#[path = "support/models.rs"]
 mod models;
 
 use std::{
@@ -29,7 +30,7 @@ use carl_pipe::{
         adam::{Adam, AdamSettings},
         mat,
     },
-    rng::Rng,
+    num::rng::Rng,
 };
 use models::{convolutional_model_and_data, model_and_data};
 use rand::SeedableRng as _;

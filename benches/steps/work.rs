@@ -13,11 +13,8 @@ use carl_pipe::{
         objective::Weights,
         trainer::{BATCH, Data, Objective, Trainer},
     },
-    nn::{
-        adam::{Adam, AdamSettings},
-        noise,
-    },
-    rng::Rng,
+    nn::adam::{Adam, AdamSettings},
+    num::{rng::Rng, sampling},
 };
 use rand::SeedableRng as _;
 use serde_json::json;
@@ -122,7 +119,7 @@ fn represent(name: &str, threads: usize) -> Work {
     let mut rng = Rng::seed_from_u64(2);
     let mut which = [0_u32; BATCH];
     let step = move || {
-        which.fill_with(|| noise::index(&mut rng, TRANSITIONS) as u32);
+        which.fill_with(|| sampling::index(&mut rng, TRANSITIONS) as u32);
         std::hint::black_box(trainer.step(threads, &data, &which, &objective, &mut rng));
     };
     Work { step: Box::new(step), gflop }

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Artifact, Files, json, tensors::file};
-use crate::{control::rollout::Controller, env::Start, stats::Summary};
+use crate::{control::rollout::Controller, env::Start, num::stats::Summary};
 
 /// One figure over models, with the value of each.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

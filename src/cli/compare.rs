@@ -15,16 +15,16 @@ use super::{
     },
 };
 use crate::{
-    engine::{
-        key::{self, Change},
-        manifest::{Manifest, NodeRecord},
-        results::{bare, outcomes},
-        runs,
-        store::Store,
-    },
+    num::stats::{self, Difference, Summary},
     pipeline::Member,
+    report::outcomes::outcomes,
+    run::{
+        key::{self, Change},
+        manifest::{Manifest, NodeRecord, bare},
+        runs,
+    },
     stage::Kind,
-    stats::{self, Difference, Summary},
+    store::Store,
 };
 
 /// The arguments of `compare`.

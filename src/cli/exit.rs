@@ -1,6 +1,6 @@
 //! How the program ends: a documented code, and an error in one shape.
 
-use crate::engine::store::Busy;
+use crate::store::Busy;
 
 /// The exit codes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -10,8 +10,8 @@ use super::{
     out::{self, Colour},
 };
 use crate::{
-    engine::plan::select,
     pipeline::{self, Graph, Overrides, Source},
+    run::plan::select,
     stage::Kind,
 };
 

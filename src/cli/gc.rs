@@ -5,7 +5,7 @@ use super::{
     exit::{Error, Exit},
     out,
 };
-use crate::engine::{gc::clean, store::Store};
+use crate::{run::gc::clean, store::Store};
 
 /// The arguments of `gc`.
 #[derive(Debug, clap::Args)]

@@ -12,7 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::engine::{events::Event, store::Store};
+use crate::{run::events::Event, store::Store};
 
 /// How long a finished run waits for its view to write a file.
 const PATIENCE: Duration = Duration::from_secs(20);

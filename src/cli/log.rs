@@ -9,11 +9,13 @@ use super::{
     exit::{Error, Exit},
     out::{self, Paint, duration},
 };
-use crate::engine::{
-    events::{NodeState, RunState},
-    manifest::{Manifest, NodeRecord},
-    results::bare,
-    runs,
+use crate::{
+    run::manifest::bare,
+    run::{
+        events::{NodeState, RunState},
+        manifest::{Manifest, NodeRecord},
+        runs,
+    },
     store::Store,
 };
 

@@ -23,7 +23,7 @@ use std::{ffi::OsString, path::PathBuf};
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
-use crate::{engine::store::Store, stage::Kind};
+use crate::{stage::Kind, store::Store};
 use exit::{CODES, Error, Exit, Message};
 use out::Colour;
 
@@ -164,7 +164,7 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
 
 /// Refuses processors on which faer's products would round differently: without fused multiply-adds.
 fn same_bits_everywhere() -> Result<(), Error> {
-    if crate::nn::has_fused_vectors() {
+    if crate::num::simd::has_fused_vectors() {
         return Ok(());
     }
     let text = "this processor has no AVX2 and FMA, so its results would differ from those of other machines";

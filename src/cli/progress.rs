@@ -17,7 +17,7 @@ use super::{
     out::{self, Paint, duration},
     stop::Stop,
 };
-use crate::engine::events::{Event, Listener, NodeState};
+use crate::run::events::{Event, Listener, NodeState};
 
 /// How to show progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]

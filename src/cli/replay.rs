@@ -10,15 +10,15 @@ use super::{
     stop::Stop,
 };
 use crate::{
-    engine::{
+    run::{
         events::{Event, Listener, RunState},
         execute::Options,
         manifest::Manifest,
         replay::{Replayed, replay as replay_run},
         runs,
-        store::Store,
     },
     stage::Kind,
+    store::Store,
 };
 
 /// The arguments of `replay`.

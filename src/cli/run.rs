@@ -14,14 +14,14 @@ use super::{
     summary,
 };
 use crate::{
-    engine::{
+    pipeline::Graph,
+    record::Sink,
+    run::{
         events::{Event, Listener, RunState},
         execute::{self, Options, Order},
         plan::{Force, plan},
         why::History,
     },
-    pipeline::Graph,
-    record::Sink,
     stage::Kind,
 };
 

@@ -11,11 +11,11 @@ use super::{
     out::{self, Paint},
 };
 use crate::{
-    engine::{
+    pipeline::Graph,
+    run::{
         plan::{Force, Plan, State, plan},
         why::{History, Reason, reason},
     },
-    pipeline::Graph,
     stage::Kind,
 };
 

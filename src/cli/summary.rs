@@ -10,13 +10,13 @@ use super::{
     table::{self, Format, grid::Grid, render, render::About, series::Series},
 };
 use crate::{
-    engine::{
+    pipeline::Graph,
+    run::{
         events::{NodeState, RunState},
         execute::{NodeReport, Report},
-        store::Store,
     },
-    pipeline::Graph,
     stage::Kind,
+    store::Store,
 };
 
 /// More nodes than this are shown by stage.
@@ -186,7 +186,7 @@ fn failure(node: &NodeReport, report: &Report, graph: &Graph, paint: Paint) -> S
     let text = node.failure.as_ref().map_or_else(String::new, |failure| out::tidy(&failure.text));
     let kind = graph.nodes.iter().find(|it| it.name == node.name).map_or("", |it| it.kind.name);
     let mut lines = vec![format!("{} {} ({kind}) failed: {text}", paint.red("error:"), node.name)];
-    let recording = report.path.join("live").join(format!("{}.mcap", crate::engine::runs::file_name(&node.name)));
+    let recording = report.path.join("live").join(format!("{}.mcap", crate::run::runs::file_name(&node.name)));
     if recording.exists() {
         lines.push(format!("  = what it recorded until then: {}", recording.display()));
     }

@@ -9,8 +9,8 @@ use super::{
     stop::Stop,
 };
 use crate::{
-    engine::runs,
     record::{self, Sink, Watcher},
+    run::runs,
 };
 
 /// The arguments of `view`.

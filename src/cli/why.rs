@@ -9,11 +9,11 @@ use super::{
     out::{self, duration},
 };
 use crate::{
-    engine::{
+    pipeline::{Graph, NodeId},
+    run::{
         plan::{Force, Plan, State, plan},
         why::{History, Reason, reason},
     },
-    pipeline::{Graph, NodeId},
     stage::Kind,
 };
 
@@ -58,7 +58,7 @@ pub(crate) fn why(global: &Global, args: &Args, kinds: &'static [Kind]) -> Resul
 fn told(graph: &Graph, plan: &Plan, id: NodeId, reason: &Reason, global: &Global) -> String {
     let paint = global.color.on_stdout();
     let name = paint.bold(&graph.nodes[id].name);
-    let changed = |changes: &[crate::engine::key::Change]| -> String {
+    let changed = |changes: &[crate::run::key::Change]| -> String {
         changes.iter().map(|change| format!("{name}: {change}\n")).collect()
     };
     let mut text = match reason {

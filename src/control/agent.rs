@@ -2,11 +2,10 @@
 
 use crate::{
     nn::{
-        Real,
         adam::Adam,
         mlp::{Layout, Mlp, Pass},
     },
-    rng::Rng,
+    num::{Real, rng::Rng},
 };
 
 /// Hidden layers of actor and critics (paper, Table "Hyper parameters for the SAC controller").

@@ -1,11 +1,13 @@
 //! Policy distillation: the image of the old policy under the new encoder (paper, equation "policy-distillation").
 
 use super::agent::{Agent, clamp_log_sigma, log_sigma_is_free};
-use crate::nn::{
-    Real as _,
-    adam::{Adam, AdamSettings},
-    mat::Into,
-    mlp::Pass,
+use crate::{
+    nn::{
+        adam::{Adam, AdamSettings},
+        mat::Into,
+        mlp::Pass,
+    },
+    num::Real as _,
 };
 
 /// One step on `samples` observations: whitened (z, z_g) under the new encoder, and the old policy's Gaussians at the

@@ -9,8 +9,8 @@ use super::{
     sac::Reward,
 };
 use crate::{
-    nn::{Real as _, columns::Block, heads, mlp::Pass, noise, vectorize},
-    rng::Rng,
+    nn::{columns::Block, heads, mlp::Pass},
+    num::{Real as _, rng::Rng, sampling, simd::vectorize},
 };
 
 /// How TD errors become weights.
@@ -151,7 +151,7 @@ impl Guidance {
         let (mut z_next, mut state, mut critic) =
             (s.z_next.view(count), s.state_inputs.view(count), s.critic_inputs.view(count));
         for i in 0..count {
-            noise::fill_normal(rng, &mut s.epsilon);
+            sampling::fill_normal(rng, &mut s.epsilon);
             let goal = &seen.goals[i * n..][..n];
             heads::sample(&seen.now[i * 2 * n..][..2 * n], &s.epsilon[..n], &mut s.z);
             heads::sample(&seen.next[i * 2 * n..][..2 * n], &s.epsilon[n..2 * n], z_next.of(i));
@@ -164,7 +164,7 @@ impl Guidance {
         smaller_critic(agent, critic.data, &mut s.critic, &mut s.now[..count]);
         agent.nets.actor.1.forward(&agent.acting, state.data, &mut actor);
         for i in 0..count {
-            noise::fill_normal(rng, &mut s.epsilon[..a]);
+            sampling::fill_normal(rng, &mut s.epsilon[..a]);
             let gaussian = &mut actor.out[2][i * 2 * a..][..2 * a];
             clamp_log_sigma(&mut gaussian[a..]);
             let input = critic.of(i);
@@ -213,7 +213,7 @@ mod tests {
     use super::*;
     use crate::{
         control::agent::Whitening,
-        nn::{math, tests::on_every_instruction_set},
+        num::{math, simd::tests::on_every_instruction_set},
     };
 
     fn exact(temperature: f64) -> Guidance {
@@ -293,7 +293,7 @@ mod tests {
         let count = AT_ONCE + 9;
         let [mut now, mut next, mut actions, mut goals] = [6, 6, 2, 3].map(|width| vec![0.0_f32; width * count]);
         for columns in [&mut now, &mut next, &mut actions, &mut goals] {
-            noise::fill_normal(&mut rng, columns);
+            sampling::fill_normal(&mut rng, columns);
         }
         let seen = Seen { now: &now, next: &next, actions: &actions, goals: &goals };
         let guidance = Guidance { samples: 2, ..Guidance::default() };

@@ -9,7 +9,7 @@ mod matrix;
 mod tests;
 
 use self::matrix::Matrix;
-use crate::{nn::noise, rng::Rng};
+use crate::num::{rng::Rng, sampling};
 
 pub use dynamics::{Dynamics, LatentDynamics};
 
@@ -107,8 +107,8 @@ impl<'a, D: Dynamics> Planner<'a, D> {
         }
         let is_uniform = which < self.settings.uniform_plans as usize;
         let mut draw = || match is_uniform {
-            true => f64::from(noise::uniform(&mut self.rng, -1.0, 1.0)),
-            false => [-1.0, 1.0][noise::index(&mut self.rng, 2)],
+            true => f64::from(sampling::uniform(&mut self.rng, -1.0, 1.0)),
+            false => [-1.0, 1.0][sampling::index(&mut self.rng, 2)],
         };
         (0..steps * a).map(|_| draw()).collect()
     }

@@ -4,7 +4,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use super::agent::{Agent, log_sigma_is_free};
-use crate::nn::{Real as _, mlp::Pass};
+use crate::{nn::mlp::Pass, num::Real as _};
 
 /// The frozen policy and what it did under the old encoder.
 #[derive(Debug)]
@@ -97,7 +97,7 @@ mod tests {
 
     #[test]
     fn gradient_equals_finite_differences_and_vanishes_at_the_old_code() {
-        let mut rng = crate::rng::Rng::seed_from_u64(5);
+        let mut rng = crate::num::rng::Rng::seed_from_u64(5);
         let whitening = Whitening { mean: vec![0.1, -0.2], inverse: vec![0.8, 1.3] };
         let agent = Agent::new(2, 2, whitening, 0.0, &mut rng);
         let regularizer = PolicyRegularizer::new(&agent, &[0.3, -0.4], &[1.0, 0.5]);

@@ -8,8 +8,7 @@ use super::{
 use crate::{
     env::{Environment, Start},
     lce::{LceModel, Observer},
-    nn::noise,
-    rng::Rng,
+    num::{rng::Rng, sampling},
 };
 
 /// What to do when an action changed nothing in the picture: the mean action would repeat for ever.
@@ -97,7 +96,7 @@ pub struct Standing {
 pub fn draw_episodes(env: &dyn Environment, start: Start, count: usize, rng: &mut Rng) -> Vec<Episode> {
     let goals = env.goals();
     let mut order: Vec<u32> = (0..count as u32).collect();
-    noise::shuffle(rng, &mut order);
+    sampling::shuffle(rng, &mut order);
     order
         .into_iter()
         .map(|i| Episode::at_rest(env.sample_start_as(start, rng), goals[i as usize % goals.len()].clone()))
@@ -119,7 +118,7 @@ pub fn run(
     walk(env, episode, steps, rng, |seen, rng| {
         let z = observer.mean(seen.picture);
         let mut epsilon = vec![0.0; agent.action];
-        noise::fill_normal(rng, &mut epsilon);
+        sampling::fill_normal(rng, &mut epsilon);
         let mut action = agent.act(&z, &z_goal, (acting != Acting::Mean).then_some(&epsilon));
         if matches!(acting, Acting::SampleThenRandom(follows) if step >= follows) {
             draw_uniformly(&mut action, rng);
@@ -171,7 +170,7 @@ impl Unstick {
 }
 
 fn draw_uniformly(action: &mut [f32], rng: &mut Rng) {
-    action.fill_with(|| noise::uniform(rng, -1.0, 1.0));
+    action.fill_with(|| sampling::uniform(rng, -1.0, 1.0));
 }
 
 /// What there is to act on.

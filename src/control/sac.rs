@@ -8,8 +8,8 @@ use targets::{RollOut, Rollout};
 use super::agent::{Agent, clamp_log_sigma, log_sigma_is_free, squash};
 use crate::{
     lce::LceModel,
-    nn::{Real, adam::AdamSettings, columns::Block, heads, join, mat::Into, mlp::Pass, noise, vectorize},
-    rng::Rng,
+    nn::{adam::AdamSettings, columns::Block, heads, mat::Into, mlp::Pass},
+    num::{Real, join, rng::Rng, sampling, simd::vectorize},
 };
 
 /// The reward of reaching z'.
@@ -130,7 +130,7 @@ impl Buffer {
     }
 
     fn sample(&self, rng: &mut Rng) -> &[f32] {
-        &self.columns[noise::index(rng, self.columns.len() / self.width) * self.width..][..self.width]
+        &self.columns[sampling::index(rng, self.columns.len() / self.width) * self.width..][..self.width]
     }
 }
 
@@ -228,8 +228,8 @@ impl<'a> SacTrainer<'a> {
             let tuple = self.buffer.sample(rng);
             self.scratch.tuples.data[i * width..][..width].copy_from_slice(tuple);
         }
-        noise::fill_normal(rng, &mut self.scratch.rollout_noise);
-        noise::fill_normal(rng, &mut self.scratch.actor_noise);
+        sampling::fill_normal(rng, &mut self.scratch.rollout_noise);
+        sampling::fill_normal(rng, &mut self.scratch.actor_noise);
         self.roll_out(threads);
         let critic = self.update_critics(threads, pace);
         let (actor, entropy) = self.update_actor(threads, pace);
@@ -254,12 +254,12 @@ impl<'a> SacTrainer<'a> {
         let count = self.codes.data.len() / (2 * n);
         let mut epsilon = std::mem::take(&mut s.epsilon);
         for i in 0..BATCH {
-            let which = noise::index(rng, count);
-            noise::fill_normal(rng, &mut epsilon);
+            let which = sampling::index(rng, count);
+            sampling::fill_normal(rng, &mut epsilon);
             let (z, u) = s.z_u.data[i * (n + a)..][..n + a].split_at_mut(n);
             heads::sample(&self.codes.data[which * 2 * n..][..2 * n], &epsilon, z);
             match self.settings.critic_actions {
-                CriticActions::Uniform => u.fill_with(|| noise::uniform(rng, -1.0, 1.0)),
+                CriticActions::Uniform => u.fill_with(|| sampling::uniform(rng, -1.0, 1.0)),
                 CriticActions::Data => u.copy_from_slice(&self.codes.actions[which * a..][..a]),
             }
         }
@@ -267,17 +267,17 @@ impl<'a> SacTrainer<'a> {
         let goals = self.codes.goals.len() / n;
         let mut tuple = std::mem::take(&mut s.tuple);
         for i in 0..BATCH {
-            noise::fill_normal(rng, &mut epsilon);
+            sampling::fill_normal(rng, &mut epsilon);
             tuple[..n + a].copy_from_slice(&s.z_u.data[i * (n + a)..][..n + a]);
             let next = &mut tuple[n + a..2 * n + a];
             heads::sample(&s.predicted[i * 2 * n..][..2 * n], &epsilon, next);
             for k in 0..n {
                 next[k] = next[k].clamp(self.low[k], self.high[k]);
             }
-            let goal = if f64::from(noise::uniform(rng, 0.0, 1.0)) < self.settings.relabel {
-                &self.codes.data[noise::index(rng, count) * 2 * n..][..n]
+            let goal = if f64::from(sampling::uniform(rng, 0.0, 1.0)) < self.settings.relabel {
+                &self.codes.data[sampling::index(rng, count) * 2 * n..][..n]
             } else {
-                &self.codes.goals[noise::index(rng, goals) * n..][..n]
+                &self.codes.goals[sampling::index(rng, goals) * n..][..n]
             };
             tuple[2 * n + a..].copy_from_slice(goal);
             self.buffer.push(&tuple);

@@ -11,7 +11,7 @@ use super::{
     ode,
     pole::{self, GRAVITY, disturbed, share, within, wrap},
 };
-use crate::rng::Rng;
+use crate::num::rng::Rng;
 
 const SIDE: usize = 80;
 /// Mass of the pole, mass of cart and pole, in kg; half the pole's length in m.

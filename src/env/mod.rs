@@ -11,7 +11,7 @@ mod swing_up;
 mod task;
 mod three_pole;
 
-use crate::rng::Rng;
+use crate::num::rng::Rng;
 
 pub use cart_pole::CartPole;
 pub use ceiling::Protocol;
@@ -65,7 +65,7 @@ pub trait Environment: Send + Sync {
     /// A uniformly random action.
     fn sample_action(&self, rng: &mut Rng) -> Vec<f64> {
         let limit = self.action_limit();
-        limit.iter().map(|&limit| crate::nn::noise::uniform(rng, -1.0, 1.0) as f64 * limit).collect()
+        limit.iter().map(|&limit| crate::num::sampling::uniform(rng, -1.0, 1.0) as f64 * limit).collect()
     }
     /// Where an episode starts.
     fn sample_start(&self, rng: &mut Rng) -> Vec<f64>;

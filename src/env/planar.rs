@@ -3,7 +3,7 @@
 //! Dynamics and pictures follow the public PCC implementation to the bit; starts, goals and their radius the paper.
 
 use super::{Environment, Oracle};
-use crate::{nn::noise, rng::Rng};
+use crate::num::{rng::Rng, sampling};
 
 const SIDE: usize = 40;
 const LOW: f64 = 1.5;
@@ -38,7 +38,7 @@ impl Planar {
 /// A uniformly random valid state with both coordinates below `high`.
 fn sample_below(rng: &mut Rng, high: f64) -> Vec<f64> {
     loop {
-        let state = [(); 2].map(|()| f64::from(noise::uniform(rng, LOW as f32, high as f32)));
+        let state = [(); 2].map(|()| f64::from(sampling::uniform(rng, LOW as f32, high as f32)));
         if Planar::is_valid(&state) {
             return state.to_vec();
         }
@@ -66,7 +66,7 @@ impl Environment for Planar {
         let mut next = Self::dynamics(state, action);
         if self.noise > 0.0 {
             let mut epsilon = [0.0; 2];
-            noise::fill_normal(rng, &mut epsilon);
+            sampling::fill_normal(rng, &mut epsilon);
             // As in the reference, the obstacles are not tested again.
             next = [0, 1].map(|i| (next[i] + self.noise * epsilon[i]).clamp(LOW, HIGH));
         }
@@ -103,7 +103,7 @@ impl Environment for Planar {
     }
 
     fn sample_start(&self, rng: &mut Rng) -> Vec<f64> {
-        [(); 2].map(|()| f64::from(noise::uniform(rng, 3.0, 7.0))).to_vec()
+        [(); 2].map(|()| f64::from(sampling::uniform(rng, 3.0, 7.0))).to_vec()
     }
 
     fn goals(&self) -> Vec<Vec<f64>> {

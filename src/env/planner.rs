@@ -1,6 +1,6 @@
 //! Searches for actions on known dynamics by the cross-entropy method: for controllers that know the true state.
 
-use crate::{nn::noise, rng::Rng};
+use crate::num::{rng::Rng, sampling};
 
 /// How long to search.
 #[derive(Debug, Clone, Copy)]
@@ -30,7 +30,7 @@ pub(super) fn improve(
         let mut tried: Vec<(f64, Vec<f64>)> = (0..effort.plans)
             .map(|_| {
                 let mut candidate = vec![0.0; mean.len()];
-                noise::fill_normal(rng, &mut candidate);
+                sampling::fill_normal(rng, &mut candidate);
                 for ((c, mean), spread) in candidate.iter_mut().zip(&mean).zip(&spread) {
                     *c = (mean + spread * *c).clamp(-1.0, 1.0);
                 }

@@ -2,7 +2,7 @@
 //!
 //! Angles are 0 where a pole stands upright.
 
-use crate::{nn::noise, rng::Rng};
+use crate::num::{rng::Rng, sampling};
 
 /// Acceleration of gravity in m/s².
 pub(super) const GRAVITY: f64 = 9.81;
@@ -20,7 +20,7 @@ pub(super) fn wrap(mut angle: f64, reach: f64) -> f64 {
 
 /// A uniform sample of ±`reach`.
 pub(super) fn within(rng: &mut Rng, reach: f64) -> f64 {
-    f64::from(noise::uniform(rng, -1.0, 1.0)) * reach
+    f64::from(sampling::uniform(rng, -1.0, 1.0)) * reach
 }
 
 /// A uniform sample of low..high and its mirror image.
@@ -34,7 +34,7 @@ pub(super) fn disturbed(state: impl Into<Vec<f64>>, sigma: f64, rng: &mut Rng) -
     let mut state = state.into();
     if sigma > 0.0 {
         let mut epsilon = vec![0.0; state.len()];
-        noise::fill_normal(rng, &mut epsilon);
+        sampling::fill_normal(rng, &mut epsilon);
         state.iter_mut().zip(epsilon).for_each(|(s, epsilon)| *s += sigma * epsilon);
     }
     state

@@ -11,7 +11,7 @@ use super::{
     ode,
     pole::{self, GRAVITY, disturbed, share, within, wrap},
 };
-use crate::rng::Rng;
+use crate::num::rng::Rng;
 
 const SIDE: usize = 48;
 /// Mass in kg and length in m.

@@ -12,7 +12,7 @@ use super::{
     planner::{Effort, improve},
     pole::{self, GRAVITY, disturbed, share, within, wrap},
 };
-use crate::rng::Rng;
+use crate::num::rng::Rng;
 
 const SIDE: usize = 80;
 /// Of every link, a rod: mass in kg, length in m, and where its weight is.

@@ -1,12 +1,14 @@
 //! The backward dynamics B(z', u, x) -> z: three affine layers side by side, a joint layer with ReLU, a Gaussian head.
 
 use super::model::Sizes;
-use crate::nn::{
-    Real,
-    columns::{Block, BlockMut, cut_together},
-    mat::Into,
-    mlp::{Layout, Linear, mask},
-    pictures::{Pictures, Place},
+use crate::{
+    nn::{
+        columns::{Block, BlockMut, cut_together},
+        mat::Into,
+        mlp::{Layout, Linear, mask},
+        pictures::{Pictures, Place},
+    },
+    num::Real,
 };
 
 /// Where the layers of B lie in the arena.

@@ -3,11 +3,13 @@
 //! A and B are F's exact slopes at (z, u), or, where a model has heads for them, what these say: PCC's amortized version.
 
 use super::model::Nets;
-use crate::nn::{
-    Real,
-    columns::{Block, BlockMut, cut_together},
-    mat::{self, Into},
-    mlp::{Linear, Mlp, Pass, PassMut, mask},
+use crate::{
+    nn::{
+        columns::{Block, BlockMut, cut_together},
+        mat::{self, Into},
+        mlp::{Linear, Mlp, Pass, PassMut, mask},
+    },
+    num::Real,
 };
 
 /// Buffers: F at a point, F nearby, and the directional derivative between them or the slopes that heads give.

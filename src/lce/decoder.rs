@@ -1,12 +1,14 @@
 //! D: z -> Bernoulli logits of a picture; fully connected, or convolutional for the paper's larger pictures.
 
 use super::{encoder::CHANNELS, model::Sizes};
-use crate::nn::{
-    Real,
-    columns::{Block, BlockMut, Cut},
-    conv::{Conv, Kernels, Resize, Shares, Stack, StackMut, StackPass},
-    mat::Into,
-    mlp::{Layout, Mlp, Pass, PassMut, mask, rectify},
+use crate::{
+    nn::{
+        columns::{Block, BlockMut, Cut},
+        conv::{Conv, Kernels, Resize, Shares, Stack, StackMut, StackPass},
+        mat::Into,
+        mlp::{Layout, Mlp, Pass, PassMut, mask, rectify},
+    },
+    num::Real,
 };
 
 /// Where the layers of D lie in the arena.

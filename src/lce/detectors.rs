@@ -1,7 +1,10 @@
 //! Signs of a useless map that need no true state.
 
 use super::LceModel;
-use crate::nn::{Real as _, mlp::Pass, pictures::Pictures};
+use crate::{
+    nn::{mlp::Pass, pictures::Pictures},
+    num::Real as _,
+};
 
 /// What the detectors saw.
 #[derive(Debug, Clone, PartialEq)]
@@ -118,14 +121,14 @@ mod tests {
     use super::*;
     use crate::{
         lce::{Sizes, model::background},
-        nn::{noise, pictures::Squares},
-        rng::Rng,
+        nn::pictures::Squares,
+        num::{rng::Rng, sampling},
     };
 
     fn model_and_frames(squares: Option<Squares>) -> (LceModel, Vec<u8>) {
         let sizes = Sizes { pixels: 8 * 6, encoder: [9, 9], decoder: [9, 9], squares, ..Sizes::planar() };
         let mut rng = Rng::seed_from_u64(3);
-        let frames: Vec<u8> = (0..20 * sizes.pixels).map(|_| u8::from(noise::index(&mut rng, 3) == 0)).collect();
+        let frames: Vec<u8> = (0..20 * sizes.pixels).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
         let background = background(&frames, sizes.pixels);
         (LceModel::new(sizes, background, &mut rng), frames)
     }

@@ -3,11 +3,13 @@
 //! It sees the code alone, so it cannot take the action's part. Nothing but the anchor reads it: F is what predicts.
 
 use super::model::Nets;
-use crate::nn::{
-    Real,
-    columns::{Block, BlockMut, cut_together},
-    mat::Into,
-    mlp::{Layout, Linear},
+use crate::{
+    nn::{
+        columns::{Block, BlockMut, cut_together},
+        mat::Into,
+        mlp::{Layout, Linear},
+    },
+    num::Real,
 };
 
 /// The drift's shape.

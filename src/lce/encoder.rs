@@ -1,13 +1,15 @@
 //! E: picture -> Gaussian over z; fully connected, or convolutional for the paper's larger pictures.
 
 use super::model::Sizes;
-use crate::nn::{
-    Real,
-    columns::{Block, BlockMut, Cut},
-    conv::{Conv, LitMut, LitPass, LitReady, LitStack, Resize, Shares},
-    mat::Into,
-    mlp::{Layout, Mlp, Pass, PassMut, mask},
-    pictures::{Pictures, Place},
+use crate::{
+    nn::{
+        columns::{Block, BlockMut, Cut},
+        conv::{Conv, LitMut, LitPass, LitReady, LitStack, Resize, Shares},
+        mat::Into,
+        mlp::{Layout, Mlp, Pass, PassMut, mask},
+        pictures::{Pictures, Place},
+    },
+    num::Real,
 };
 
 /// Channels between convolutions (paper, appendix "Network Architectures").

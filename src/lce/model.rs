@@ -8,11 +8,11 @@ use super::{
 };
 use crate::{
     nn::{
-        Real, heads,
+        heads,
         mlp::{Layout, Linear, Mlp, Pass},
         pictures::{Pictures, Squares},
     },
-    rng::Rng,
+    num::{Real, rng::Rng},
 };
 
 /// Widths of all networks (paper, "Network Architectures").

@@ -4,7 +4,10 @@ use super::{
     encoder::{EncoderPass, Ready},
     model::{AT_ONCE, LceModel},
 };
-use crate::nn::{Real, heads, pictures::Pictures};
+use crate::{
+    nn::{heads, pictures::Pictures},
+    num::Real,
+};
 
 /// A model's encoder with its weights as the loops read them, and buffers.
 #[derive(Debug)]
@@ -63,7 +66,7 @@ mod tests {
 
     use crate::{
         lce::{LceModel, Sizes},
-        rng::Rng,
+        num::rng::Rng,
     };
 
     #[test]

@@ -10,9 +10,8 @@ use crate::{
         heads,
         mat::Into,
         mlp::Pass,
-        noise, vectorize,
     },
-    rng::Rng,
+    num::{rng::Rng, sampling, simd::vectorize},
 };
 
 /// Minimises -ln F(E(x')|E(x), u), with the means of E, over `steps` batches of the transitions; nothing but F changes.
@@ -28,7 +27,7 @@ pub fn refit(model: &mut LceModel, codes: &[f32], actions: &[f32], steps: u64, l
     let mut d_moves = vec![0.0; n];
     for step in 0..steps {
         for (z_u, moves) in z_u.chunks_exact_mut(n + a).zip(moves.chunks_exact_mut(n)) {
-            let which = noise::index(rng, actions.len() / a);
+            let which = sampling::index(rng, actions.len() / a);
             let (now, next) = codes[4 * n * which..][..4 * n].split_at(2 * n);
             z_u[..n].copy_from_slice(&now[..n]);
             z_u[n..].copy_from_slice(&actions[which * a..][..a]);
@@ -74,8 +73,8 @@ mod tests {
         let mut codes = vec![0.0; count * 8];
         let mut actions = vec![0.0; count * 2];
         for (code, u) in codes.chunks_exact_mut(8).zip(actions.chunks_exact_mut(2)) {
-            code[..2].fill_with(|| noise::uniform(&mut rng, -2.0, 2.0));
-            u.fill_with(|| noise::uniform(&mut rng, -1.0, 1.0));
+            code[..2].fill_with(|| sampling::uniform(&mut rng, -2.0, 2.0));
+            u.fill_with(|| sampling::uniform(&mut rng, -1.0, 1.0));
             (code[4], code[5]) = (code[0] + u[0] + 0.5 * code[1], code[1] + 0.5 * u[1]);
         }
         refit(&mut model, &codes, &actions, 1500, 5e-3, &mut rng);

@@ -7,12 +7,10 @@ use super::{
 };
 use crate::{
     nn::{
-        Real,
         adam::{Adam, AdamSettings},
-        noise,
         pictures::Pictures,
     },
-    rng::Rng,
+    num::{Real, rng::Rng, sampling},
 };
 
 /// Samples of a batch (paper, "Training Hyper-Parameters").
@@ -127,7 +125,7 @@ impl<T: Real> Gathered<T> {
             self.actions.extend_from_slice(&data.actions[i as usize * data.action_dim..][..data.action_dim]);
         }
         self.noise.resize(which.len() * noise_width, T::nil());
-        noise::fill_normal(rng, &mut self.noise);
+        sampling::fill_normal(rng, &mut self.noise);
         if dropout > 0.0 {
             self.thinned = Some(data.pictures.thinned(&self.pairs, dropout, rng));
             self.pairs.iter_mut().zip(0..).for_each(|(picture, i)| *picture = i);
@@ -216,7 +214,7 @@ mod tests {
     use super::*;
     use crate::{
         lce::{Sizes, model::background},
-        nn::tests::on_every_instruction_set,
+        num::simd::tests::on_every_instruction_set,
     };
 
     #[test]
@@ -246,8 +244,8 @@ mod tests {
         for (sizes, count, steps) in [(dense, 11, 3), (convolution, 2, 1)] {
             let mut rng = Rng::seed_from_u64(1);
             let frames: Vec<u8> =
-                (0..2 * count * sizes.pixels).map(|_| u8::from(noise::index(&mut rng, 6) == 0)).collect();
-            let actions: Vec<f32> = (0..2 * count).map(|_| noise::uniform(&mut rng, -1.0, 1.0)).collect();
+                (0..2 * count * sizes.pixels).map(|_| u8::from(sampling::index(&mut rng, 6) == 0)).collect();
+            let actions: Vec<f32> = (0..2 * count).map(|_| sampling::uniform(&mut rng, -1.0, 1.0)).collect();
             let model = LceModel::<f32>::new(sizes.clone(), background(&frames, sizes.pixels), &mut rng);
             let data = Data { pictures: model.pictures(&frames), actions, action_dim: 2 };
             let which: Vec<u32> = (0..count as u32).collect();

@@ -10,15 +10,16 @@ use super::{
     encoder::{EncoderMut, EncoderPass, Ready},
     model::LceModel,
 };
-use crate::nn::{
-    Real,
-    columns::{Block, BlockMut, cut_together, over_samples},
-    conv::Kernels,
-    heads,
-    mat::Into,
-    mlp::{Pass, PassMut},
-    pictures::Pictures,
-    vectorize,
+use crate::{
+    nn::{
+        columns::{Block, BlockMut, cut_together, over_samples},
+        conv::Kernels,
+        heads,
+        mat::Into,
+        mlp::{Pass, PassMut},
+        pictures::Pictures,
+    },
+    num::{Real, simd::vectorize},
 };
 
 /// Constants of the warm-up loss.

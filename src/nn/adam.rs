@@ -1,6 +1,6 @@
 //! Adam with L2 regularisation over one flat arena of parameters.
 
-use super::{Real, join, vectorize};
+use crate::num::{Real, join, simd::vectorize};
 
 /// Step size and decay of an optimiser.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -1,6 +1,7 @@
 //! Batches cut into runs of samples: all buffers of a training step, cut at the same sample.
 
-use super::{Real, mlp::PassMut};
+use super::mlp::PassMut;
+use crate::num::Real;
 
 /// A buffer with the same number of entries for every sample.
 #[derive(Debug, Clone)]
@@ -72,7 +73,7 @@ macro_rules! cut_together {
         $(#[$meta])*
         $vis struct $name<$life, T> { $( $field: $ty ),* }
 
-        impl<T: $crate::nn::Real> $crate::nn::columns::Cut for $name<'_, T> {
+        impl<T: $crate::num::Real> $crate::nn::columns::Cut for $name<'_, T> {
             fn cut(self, samples: usize) -> (Self, Self) {
                 $( let $field = $crate::nn::columns::Cut::cut(self.$field, samples); )*
                 (Self { $( $field: $field.0 ),* }, Self { $( $field: $field.1 ),* })
@@ -97,7 +98,7 @@ where
     }
     let half = samples / 2;
     let (left, right) = columns.cut(half);
-    super::join(
+    crate::num::join(
         threads,
         || over_samples(threads / 2, first, half, left, work),
         || over_samples(threads - threads / 2, first + half, samples - half, right, work),

@@ -1,6 +1,7 @@
 //! What a network's last layer means: a diagonal Gaussian (means, then log standard deviations) or Bernoulli pixels.
 
-use super::{Real, pictures::Pictures, vectorize};
+use super::pictures::Pictures;
+use crate::num::{Real, simd::vectorize};
 
 /// ln(2 pi) / 2.
 const HALF_LN_TAU: f64 = 0.918_938_533_204_672_8;

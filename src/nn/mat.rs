@@ -6,7 +6,7 @@
 
 use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul};
 
-use super::Real;
+use crate::num::Real;
 
 /// Whether a product replaces or adds to what is there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,7 +39,7 @@ pub fn product<T: Real>(out: &mut [T], into: Into, w: &[T], x: &[T], (m, k, n): 
         if into == Into::Replace {
             out.fill(T::nil());
         }
-        super::vectorize(
+        crate::num::simd::vectorize(
             #[inline(always)]
             || {
                 for (w, &x) in w.chunks_exact(m).zip(x) {
@@ -96,7 +96,7 @@ pub fn outer<T: Real>(dw: &mut [T], into: Into, dy: &[T], x: &[T], m: usize, k: 
         if into == Into::Replace {
             dw.fill(T::nil());
         }
-        super::vectorize(
+        crate::num::simd::vectorize(
             #[inline(always)]
             || {
                 if m == 1 {
@@ -129,7 +129,7 @@ fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     let mut lanes = [T::nil(); 16];
     let (a16, a_rest) = a.as_chunks::<16>();
     let (b16, b_rest) = b.as_chunks::<16>();
-    super::vectorize(
+    crate::num::simd::vectorize(
         #[inline(always)]
         || {
             for (a, b) in a16.iter().zip(b16) {
@@ -153,7 +153,7 @@ mod tests {
     use super::*;
 
     fn random<T: Real>(len: usize, seed: u64) -> Vec<T> {
-        let mut rng = crate::rng::Rng::seed_from_u64(seed);
+        let mut rng = crate::num::rng::Rng::seed_from_u64(seed);
         (0..len).map(|_| T::of(rng.random_range(-1.0..1.0))).collect()
     }
 

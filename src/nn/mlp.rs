@@ -4,12 +4,9 @@
 //! per sample, so a batch may be cut into columns at will; gradients of weights are taken afterwards over all columns
 //! at once, so no sum depends on how the batch was cut.
 
-use super::{
-    Real, join,
-    mat::{self, Into},
-    noise, vectorize,
-};
-use crate::rng::Rng;
+use super::mat::{self, Into};
+use crate::num::rng::Rng;
+use crate::num::{Real, join, sampling, simd::vectorize};
 
 /// Products below this many multiply-adds are not worth a second thread.
 const WORTH_A_THREAD: usize = 1 << 22;
@@ -68,7 +65,7 @@ impl Layout {
         for (_, linear) in &self.layers {
             let bound = (1.0 / linear.fan_in as f64).sqrt() as f32;
             for p in &mut arena[linear.at..linear.at + linear.len()] {
-                *p = T::of(f64::from(noise::uniform(rng, -bound, bound)));
+                *p = T::of(f64::from(sampling::uniform(rng, -bound, bound)));
             }
         }
         arena

@@ -6,8 +6,12 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::{Real, arch, join, mlp::Linear, noise, vectorize};
-use crate::rng::Rng;
+use super::mlp::Linear;
+use crate::num::rng::Rng;
+use crate::num::{
+    Real, join, sampling,
+    simd::{arch, vectorize},
+};
 
 /// Squares of pixels that networks read as one number, how much of it is lit, and that they give one probability.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -110,7 +114,7 @@ impl Pictures {
         let (mut starts, mut changes) = (vec![0], Vec::new());
         for &picture in which {
             let unread = |&change: &u32| {
-                let is_unread = f64::from(noise::uniform(rng, 0.0, 1.0)) < share;
+                let is_unread = f64::from(sampling::uniform(rng, 0.0, 1.0)) < share;
                 if is_unread { change | UNREAD } else { change }
             };
             changes.extend(self.changes(picture).iter().map(unread));
@@ -449,9 +453,9 @@ mod tests {
 
     #[test]
     fn differences_give_the_dense_product_and_its_gradient() {
-        let mut rng = crate::rng::Rng::seed_from_u64(3);
+        let mut rng = crate::num::rng::Rng::seed_from_u64(3);
         let (pixels, n_out, count) = (37, 5, 11);
-        let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(noise::index(&mut rng, 4) == 0)).collect();
+        let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 4) == 0)).collect();
         let mut pictures = Pictures::new(&frames[..pixels]);
         pictures.extend(&frames);
         let mut layout = Layout::default();
@@ -484,9 +488,9 @@ mod tests {
 
     #[test]
     fn squares_are_read_as_the_share_of_their_pixels_that_is_lit() {
-        let mut rng = crate::rng::Rng::seed_from_u64(4);
+        let mut rng = crate::num::rng::Rng::seed_from_u64(4);
         let (squares, pixels, n_out, count) = (Squares { columns: 12, side: 3 }, 6 * 12, 5, 7);
-        let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(noise::index(&mut rng, 3) == 0)).collect();
+        let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
         let mut pictures = Pictures::in_squares(pixels, squares);
         pictures.extend(&frames);
         let share = |picture: usize, square: usize| {
@@ -523,7 +527,7 @@ mod tests {
     fn thinned_squares_are_read_right_on_average_and_decoded_whole() {
         let mut rng = Rng::seed_from_u64(6);
         let (squares, pixels, count) = (Squares { columns: 4, side: 2 }, 16, 3);
-        let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(noise::index(&mut rng, 2) == 0)).collect();
+        let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 2) == 0)).collect();
         let mut pictures = Pictures::in_squares(pixels, squares);
         pictures.extend(&frames);
         let mut layout = Layout::default();

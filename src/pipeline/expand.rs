@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     diag::Diagnostic,
-    rng::Stream,
+    num::rng::Stream,
     stage::{Arity, Kind},
 };
 

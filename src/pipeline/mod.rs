@@ -28,7 +28,7 @@ use toml::{Spanned, de::DeTable};
 use crate::{
     diag::{Diagnostic, Diagnostics, Sources},
     env::Task,
-    rng::Stream,
+    num::rng::Stream,
     stage::{Kind, Port},
 };
 

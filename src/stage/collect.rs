@@ -14,7 +14,7 @@ use crate::{
         rollout::{self, Acting, Episode, Standing, Step, Unstick},
     },
     env::EnvName,
-    nn::noise,
+    num::sampling,
     record::{At, Level, topic},
 };
 
@@ -88,7 +88,7 @@ impl Stage for Collect {
         let mut transitions = none_yet(&*env);
         let (height, width) = transitions.picture;
         // Every goal in turn, from a random one on.
-        let mut goal = noise::index(&mut rng, goals.len());
+        let mut goal = sampling::index(&mut rng, goals.len());
         let total = params.samples as usize;
         let mut standing = inputs.last.and_then(|last| last.standing).filter(|_| params.r#continue);
         let longest = env.horizon().min(params.episode as usize);

@@ -3,9 +3,11 @@
 use super::probe::MapProbe;
 use crate::{
     env::Task,
-    nn::Threads,
+    num::{
+        Threads,
+        rng::{Purpose, Rng, Stream},
+    },
     record::Recorder,
-    rng::{Purpose, Rng, Stream},
 };
 
 /// What the engine hears of a running stage. Nothing a host answers reaches a result.

@@ -8,7 +8,8 @@ use crate::{
     artifact::{TrainedModel, Transitions},
     control::{Agent, agent::Whitening, distill},
     lce::LceModel,
-    nn::{adam::Adam, mlp::Pass, noise},
+    nn::{adam::Adam, mlp::Pass},
+    num::sampling,
     record::{At, topic},
 };
 
@@ -109,9 +110,9 @@ impl Stage for DistillPolicy {
         let mut kl = 0.0;
         for step in 0..params.steps {
             for (old_input, new_input) in old_inputs.chunks_exact_mut(2 * n).zip(new_inputs.chunks_exact_mut(2 * n)) {
-                let which = noise::index(&mut rng, observations);
-                let is_goal_image = f64::from(noise::uniform(&mut rng, 0.0, 1.0)) >= params.relabel;
-                let goal = (is_goal_image, noise::index(&mut rng, if is_goal_image { goals } else { observations }));
+                let which = sampling::index(&mut rng, observations);
+                let is_goal_image = f64::from(sampling::uniform(&mut rng, 0.0, 1.0)) >= params.relabel;
+                let goal = (is_goal_image, sampling::index(&mut rng, if is_goal_image { goals } else { observations }));
                 teacher.input(&old.data[which * n..][..n], old.goal(goal), old_input);
                 student.input(&new.data[which * n..][..n], new.goal(goal), new_input);
             }

@@ -13,8 +13,8 @@ use crate::{
     },
     env::{Environment, Start},
     lce::LceModel,
+    num::rng::Rng,
     record::{At, TrajectoryFrame, topic},
-    rng::Rng,
 };
 
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]

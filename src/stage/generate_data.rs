@@ -7,9 +7,8 @@ use super::{PresetOf, Refusal, Stage, StageCx, inputs, within};
 use crate::{
     artifact::Transitions,
     env::Environment,
-    nn::noise,
+    num::{rng::Rng, sampling},
     record::{At, topic},
-    rng::Rng,
 };
 
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -81,7 +80,7 @@ impl Stage for GenerateData {
             }
             let action = env.sample_action(&mut rng);
             let next = env.step(&state, &action, &mut rng);
-            let goal = noise::index(&mut rng, goals.len()) as u32;
+            let goal = sampling::index(&mut rng, goals.len()) as u32;
             let scaled: Vec<f32> = action.iter().zip(env.action_limit()).map(|(u, limit)| (u / limit) as f32).collect();
             let (now, after) = (env.observe(&before, &state), env.observe(&state, &next));
             if sample % 64 == 0 {
@@ -103,7 +102,7 @@ impl Params {
         let drawn = match self.region {
             Region::All => env.sample_state(rng),
             Region::Biased => {
-                let is_preferred = f64::from(noise::uniform(rng, 0.0, 1.0)) < self.biased_share;
+                let is_preferred = f64::from(sampling::uniform(rng, 0.0, 1.0)) < self.biased_share;
                 env.sample_biased(is_preferred, rng)
             }
         };

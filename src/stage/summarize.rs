@@ -9,7 +9,7 @@ use super::{NoParams, Stage, StageCx, inputs};
 use crate::{
     artifact::{Evaluation, FigureSummary, ResultSummary},
     env::Protocol,
-    stats::Summary,
+    num::stats::Summary,
 };
 
 inputs! {

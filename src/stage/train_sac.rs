@@ -12,7 +12,7 @@ use crate::{
         sac::{Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
     },
     env::EnvName,
-    nn::math,
+    num::math,
     record::{At, topic},
 };
 

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use super::svg::{INK, Picture};
 use crate::{
-    engine::manifest::NodeRecord,
-    stats::{mean, standard_error},
+    num::stats::{mean, standard_error},
+    run::manifest::NodeRecord,
 };
 
 const WIDTH: f64 = 720.0;

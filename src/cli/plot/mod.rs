@@ -19,15 +19,15 @@ use super::{
 };
 use crate::{
     artifact::{Artifact, Evaluation, LatentMap},
-    engine::{
+    pipeline::Member,
+    report::outcomes::Outcome,
+    run::{
         events::NodeState,
         manifest::{Manifest, NodeRecord},
-        results::Outcome,
         runs,
-        store::Store,
     },
-    pipeline::Member,
     stage::Kind,
+    store::Store,
 };
 
 /// The arguments of `plot`.

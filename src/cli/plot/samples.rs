@@ -9,8 +9,8 @@ use super::{
 };
 use crate::{
     cli::table::{grid::field, render},
-    engine::results::{Outcome, without_samples},
-    stats,
+    num::stats,
+    report::outcomes::{Outcome, without_samples},
 };
 
 const WIDTH: f64 = 920.0;

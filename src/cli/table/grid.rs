@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use super::series::Series;
 use crate::{
     cli::{exit::Error, file::nearest},
-    engine::results::Outcome,
+    report::outcomes::Outcome,
 };
 
 /// Names that rows and columns may always have.

@@ -10,13 +10,10 @@ use super::{
     out,
 };
 use crate::{
-    engine::{
-        manifest::Manifest,
-        results::{Outcome, outcomes},
-        runs,
-        store::Store,
-    },
+    report::outcomes::{Outcome, outcomes},
+    run::{manifest::Manifest, runs},
     stage::Kind,
+    store::Store,
 };
 use grid::Grid;
 use render::About;

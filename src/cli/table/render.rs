@@ -12,8 +12,8 @@ use crate::{
         exit::Error,
         out::{self, Paint},
     },
-    engine::store::Store,
-    stats::Summary,
+    num::stats::Summary,
+    store::Store,
 };
 
 /// What a table is about.
@@ -88,8 +88,8 @@ type Named = (String, String);
 
 fn long_row(row: &str, col: &str, series: &Series, about: About<'_>, store: &Store) -> Result<Vec<Named>, Error> {
     let summary = &series.summary;
-    let five = |mean: crate::stats::Mean| {
-        let of = if mean.of < crate::stats::FIVE { format!(" (of {})", mean.of) } else { String::new() };
+    let five = |mean: crate::num::stats::Mean| {
+        let of = if mean.of < crate::num::stats::FIVE { format!(" (of {})", mean.of) } else { String::new() };
         format!("{}{of}", number(mean.mean))
     };
     let interval = |[low, high]: [f64; 2]| format!("{} to {}", number(low), number(high));
@@ -186,7 +186,7 @@ pub(crate) fn json(grid: &Grid, about: About<'_>, store: &Store) -> Result<Strin
     let cells = objects(grid, about, store)?;
     let object = json!({
         "version": 1, "metric": about.metric, "rows": about.rows, "cols": about.cols,
-        "resamples": crate::stats::RESAMPLES, "cells": cells,
+        "resamples": crate::num::stats::RESAMPLES, "cells": cells,
     });
     Ok(format!("{object}\n"))
 }
@@ -215,7 +215,7 @@ fn objects(grid: &Grid, about: About<'_>, store: &Store) -> Result<Vec<Value>, E
             object["share_of_ceiling"] = json!(series.ceiling().map(|ceiling| 100.0 * summary.mean / ceiling));
             object["paper"] = json!(series.label("paper"));
         }
-        let model = |(outcome, value): (&crate::engine::results::Outcome, &f64)| {
+        let model = |(outcome, value): (&crate::report::outcomes::Outcome, &f64)| {
             json!({"seed": outcome.seed, "value": value, "samples": outcome.samples, "run": outcome.run,
                    "node": outcome.node, "output": outcome.output})
         };

@@ -2,11 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{
-    cli::exit::Error,
-    engine::{results::Outcome, store::Store},
-    stats::Summary,
-};
+use crate::{cli::exit::Error, num::stats::Summary, report::outcomes::Outcome, store::Store};
 
 /// One pipeline by one recipe, over its seeds.
 #[derive(Debug)]

@@ -100,7 +100,10 @@ mod tests {
     use rand::SeedableRng as _;
 
     use super::*;
-    use crate::{lce::Sizes, nn::noise, rng::Rng};
+    use crate::{
+        lce::Sizes,
+        num::{rng::Rng, sampling},
+    };
 
     fn model(sizes: Sizes) -> LceModel {
         let pixels = sizes.pixels;
@@ -115,7 +118,7 @@ mod tests {
             let (n, width) = (dynamics.latent, dynamics.z_u.len());
             for _ in 0..20 {
                 let mut z_u = vec![0.0; width];
-                noise::fill_normal(&mut rng, &mut z_u);
+                sampling::fill_normal(&mut rng, &mut z_u);
                 let (a, b) = dynamics.jacobians(&z_u[..n], &z_u[n..]);
                 for input in 0..width {
                     let mut at = |way: f64| {

@@ -18,7 +18,7 @@ impl Affine {
     fn random(latent: usize, action: usize, rng: &mut Rng) -> Self {
         let mut normal = |count: usize| {
             let mut samples = vec![0.0; count];
-            noise::fill_normal(rng, &mut samples);
+            sampling::fill_normal(rng, &mut samples);
             samples
         };
         // Far from unstable, or the plain values of the cost would not tell its minimum to many digits.
@@ -93,7 +93,7 @@ fn a_plan_on_affine_dynamics_is_the_minimum_of_its_cost() {
     for (latent, action, steps) in [(1, 1, 1), (2, 2, 10), (3, 1, 7), (8, 3, 5)] {
         let dynamics = Affine::random(latent, action, &mut rng);
         let mut z = vec![0.0; 2 * latent];
-        noise::fill_normal(&mut rng, &mut z);
+        sampling::fill_normal(&mut rng, &mut z);
         let settings = Ilqr { state_cost: 3.0, action_cost: 0.5, ..Ilqr::default() };
         let mut planner = Planner::new(&settings, dynamics, z.split_off(latent), self::rng());
         let count = steps * action;

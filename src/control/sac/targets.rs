@@ -8,11 +8,10 @@ use super::{
 use crate::{
     lce::LceModel,
     nn::{
-        Real as _,
         columns::{Block, BlockMut, cut_together, over_samples},
         mlp::{Pass, PassMut},
-        vectorize,
     },
+    num::{Real as _, simd::vectorize},
 };
 
 /// Buffers of the latent rollout, and the targets that come of it.

@@ -64,7 +64,7 @@ fn settings() -> Sac {
 /// Codes all over a square, with one goal in it.
 fn codes() -> Codes {
     let mut rng = Rng::seed_from_u64(1);
-    let mut code = || [noise::uniform(&mut rng, -2.0, 2.0), noise::uniform(&mut rng, -2.0, 2.0)];
+    let mut code = || [sampling::uniform(&mut rng, -2.0, 2.0), sampling::uniform(&mut rng, -2.0, 2.0)];
     let data = (0..300)
         .flat_map(|_| {
             let [a, b] = code();
@@ -313,7 +313,7 @@ fn slow_networks_move_by_their_share_and_targets_stay_without_a_bootstrap() {
 #[test]
 fn every_instruction_set_trains_to_the_same_bits() {
     let (model, codes) = (known_model(), codes());
-    crate::nn::tests::on_every_instruction_set(|| {
+    crate::num::simd::tests::on_every_instruction_set(|| {
         let mut trainer = SacTrainer::new(agent(), &model, &codes, Sac { bootstrap: true, ..settings() });
         let mut rng = Rng::seed_from_u64(9);
         for _ in 0..3 {

@@ -1,7 +1,7 @@
 use rand::SeedableRng as _;
 
 use super::*;
-use crate::nn::noise;
+use crate::num::sampling;
 
 const SAMPLES: usize = 4;
 
@@ -30,14 +30,15 @@ impl Case {
             dynamics: [1, 1],
             backward: [3, 4, 5, 6],
         };
-        let mut rng = crate::rng::Rng::seed_from_u64(1);
+        let mut rng = crate::num::rng::Rng::seed_from_u64(1);
         let mut layout = Layout::default();
         let net = Backward::new(&mut layout, &sizes);
-        let frames: Vec<u8> = (0..SAMPLES * sizes.pixels).map(|_| u8::from(noise::index(&mut rng, 3) == 0)).collect();
+        let frames: Vec<u8> =
+            (0..SAMPLES * sizes.pixels).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
         let mut pictures = Pictures::new(&frames[..sizes.pixels]);
         pictures.extend(&frames);
         let arena = layout.initialize(&mut rng);
-        let mut random = |count: usize| (0..count).map(|_| f64::from(noise::uniform(&mut rng, -1.0, 1.0))).collect();
+        let mut random = |count: usize| (0..count).map(|_| f64::from(sampling::uniform(&mut rng, -1.0, 1.0))).collect();
         let (z, u, weights) = (random(2 * SAMPLES), random(3 * SAMPLES), random(4 * SAMPLES));
         Self { net, arena, z, u, pictures, weights }
     }

@@ -6,7 +6,7 @@
 
 use pulp::{Simd, WithSimd};
 
-use crate::nn::Real;
+use crate::num::Real;
 
 /// Where a correlation reads and writes; everything is counted in entries.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -62,7 +62,7 @@ pub(super) fn correlate<T: Real>(
     x: &[T],
     y: &mut [T],
 ) {
-    crate::nn::arch().dispatch(Correlate { grid, runs, w, start, relu, x, y });
+    crate::num::simd::arch().dispatch(Correlate { grid, runs, w, start, relu, x, y });
 }
 
 /// The pixels from..to of every row; none where they begin behind their end.
@@ -192,7 +192,7 @@ pub(super) fn accumulate<T: Real>(
     (dy, dy_row): (&[T], usize),
     dw: &mut [T],
 ) {
-    crate::nn::arch().dispatch(Accumulate { grid, runs, x, dy, dy_row, dw });
+    crate::num::simd::arch().dispatch(Accumulate { grid, runs, x, dy, dy_row, dw });
 }
 
 struct Accumulate<'a, T> {

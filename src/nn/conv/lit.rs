@@ -4,11 +4,12 @@
 //! one of 15 sums of such taps, made once a step.
 
 use super::{Conv, SIDE, spans::Spans};
-use crate::nn::{
-    Real,
-    mlp::{Layout, Linear},
-    pictures::Pictures,
-    vectorize,
+use crate::{
+    nn::{
+        mlp::{Layout, Linear},
+        pictures::Pictures,
+    },
+    num::{Real, simd::vectorize},
 };
 
 /// Reach of a filter to either side.

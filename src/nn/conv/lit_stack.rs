@@ -12,13 +12,14 @@ use super::{
     shares::{Shares, Slots, by_layer},
     spans::Spans,
 };
-use crate::nn::{
-    Real,
-    columns::{Block, BlockMut, Cut, MOST_THREADS},
-    mat::Into,
-    mlp::{Layout, sum_columns},
-    pictures::Pictures,
-    vectorize,
+use crate::{
+    nn::{
+        columns::{Block, BlockMut, Cut, MOST_THREADS},
+        mat::Into,
+        mlp::{Layout, sum_columns},
+        pictures::Pictures,
+    },
+    num::{Real, simd::vectorize},
 };
 
 /// A convolution of stride 1 on observations, then `L` that take them down, with ReLU after each.

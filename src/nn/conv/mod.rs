@@ -23,10 +23,8 @@ pub use stack::{Stack, StackMut, StackPass};
 use kernels::{Grid, correlate};
 use spans::Spans;
 
-use super::{
-    Real,
-    mlp::{Layout, Linear},
-};
+use super::mlp::{Layout, Linear};
+use crate::num::Real;
 
 /// Side of the paper's filters.
 const SIDE: usize = 5;

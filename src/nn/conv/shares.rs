@@ -4,10 +4,9 @@
 use std::ops::Range;
 
 use super::Conv;
-use crate::nn::{
-    Real,
-    columns::{Block, BlockMut, Cut, over_samples},
-    vectorize,
+use crate::{
+    nn::columns::{Block, BlockMut, Cut, over_samples},
+    num::{Real, simd::vectorize},
 };
 
 /// Shares of a batch.

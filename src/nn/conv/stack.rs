@@ -7,11 +7,12 @@ use super::{
     kernels::{accumulate, correlate},
     shares::{Shares, Slots, by_layer},
 };
-use crate::nn::{
-    Real,
-    columns::{Cut, MOST_THREADS},
-    mlp::{Pass, PassMut},
-    vectorize,
+use crate::{
+    nn::{
+        columns::{Cut, MOST_THREADS},
+        mlp::{Pass, PassMut},
+    },
+    num::{Real, simd::vectorize},
 };
 
 /// `L` layers.

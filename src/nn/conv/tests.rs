@@ -4,8 +4,8 @@ use rand::SeedableRng as _;
 
 use super::*;
 use crate::{
-    nn::{noise, pictures::Pictures, tests::on_every_instruction_set},
-    rng::Rng,
+    nn::pictures::Pictures,
+    num::{rng::Rng, sampling, simd::tests::on_every_instruction_set},
 };
 
 const PICTURES: usize = 9;
@@ -35,7 +35,7 @@ fn case<T: Real>(size: [usize; 2], channels: [usize; 2], resize: Resize) -> Case
     let mut layout = Layout::default();
     let stack = Stack { convs: [Conv::new(&mut layout, "conv", size, channels, resize, false)] };
     let arena = layout.initialize(&mut rng);
-    let mut random = |len: usize| (0..len).map(|_| T::of(noise::uniform(&mut rng, -1.0, 1.0).into())).collect();
+    let mut random = |len: usize| (0..len).map(|_| T::of(sampling::uniform(&mut rng, -1.0, 1.0).into())).collect();
     let x = random(PICTURES * size[0] * size[1] * channels[0]);
     let d_y = random(PICTURES * stack.convs[0].pixels());
     Case { stack, layout, arena, x, d_y }
@@ -175,7 +175,7 @@ fn pictures() -> Vec<u8> {
     all[3][frame + 6 * 14..frame + 6 * 14 + 9].fill(1);
     all[4].fill(1);
     for picture in &mut all[5..] {
-        picture.iter_mut().for_each(|p| *p = u8::from(noise::uniform(&mut rng, 0.0, 1.0) < 0.03));
+        picture.iter_mut().for_each(|p| *p = u8::from(sampling::uniform(&mut rng, 0.0, 1.0) < 0.03));
     }
     all.concat()
 }
@@ -203,7 +203,7 @@ fn see<T: Real>(arena: &[T], d_flat: &[T], threads: usize) -> [Vec<T>; 2] {
 fn parameters<T: Real>() -> [Vec<T>; 2] {
     let mut rng = Rng::seed_from_u64(7);
     let (_, layout) = lit_stack();
-    let mut random = |len: usize| (0..len).map(|_| T::of(noise::uniform(&mut rng, -0.3, 0.3).into())).collect();
+    let mut random = |len: usize| (0..len).map(|_| T::of(sampling::uniform(&mut rng, -0.3, 0.3).into())).collect();
     [random(layout.len), random(PICTURES * 3 * 4 * 10)]
 }
 
@@ -235,7 +235,7 @@ fn gradients_through_spans_are_those_of_finite_differences() {
     let parts = [(0, 1600), (1600, 1632), (1632, 27_232), (27_232, 27_264), (27_264, 35_264), (35_264, layout.len)];
     for (from, to) in parts {
         let mut rng = Rng::seed_from_u64(8);
-        let direction: Vec<f64> = (0..to - from).map(|_| noise::uniform(&mut rng, -1.0, 1.0).into()).collect();
+        let direction: Vec<f64> = (0..to - from).map(|_| sampling::uniform(&mut rng, -1.0, 1.0).into()).collect();
         let at = |step: f64| {
             let mut arena = arena.clone();
             arena[from..to].iter_mut().zip(&direction).for_each(|(p, d)| *p += step * d);

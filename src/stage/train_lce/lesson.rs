@@ -14,11 +14,10 @@ use crate::{
     },
     nn::{
         adam::{Adam, AdamSettings},
-        noise,
         pictures::Squares,
     },
+    num::{rng::Rng, sampling},
     record::{At, topic},
-    rng::Rng,
     stage::StageCx,
 };
 
@@ -162,7 +161,7 @@ fn fresh(params: &Params, transitions: &Transitions, env: EnvName, rng: &mut Rng
 
 fn shuffled(count: usize, rng: &mut Rng) -> Vec<u32> {
     let mut order: Vec<u32> = (0..count as u32).collect();
-    noise::shuffle(rng, &mut order);
+    sampling::shuffle(rng, &mut order);
     order
 }
 

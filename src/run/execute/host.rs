@@ -1,0 +1,68 @@
+//! Hears a running stage and tells everybody else, progress at most a few times a second.
+
+use std::{
+    collections::BTreeMap,
+    sync::{
+        Mutex,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
+};
+
+use crate::{
+    run::events::{Event, Events},
+    stage::Host,
+};
+
+/// The least time between two progress events of a node.
+const PROGRESS_EVERY_MS: u64 = 200;
+
+pub(super) struct NodeHost<'a> {
+    node: &'a str,
+    round: Option<u32>,
+    events: &'a Events<'a>,
+    stop: &'a AtomicBool,
+    next_progress_ms: AtomicU64,
+    figures: Mutex<BTreeMap<String, f64>>,
+}
+
+impl<'a> NodeHost<'a> {
+    pub(super) fn new(node: &'a str, round: Option<u32>, events: &'a Events<'a>, stop: &'a AtomicBool) -> Self {
+        Self { node, round, events, stop, next_progress_ms: AtomicU64::new(0), figures: Mutex::default() }
+    }
+
+    pub(super) fn into_figures(self) -> BTreeMap<String, f64> {
+        self.figures.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+}
+
+impl Host for NodeHost<'_> {
+    fn progress(&self, done: u64, total: u64, note: &str) {
+        let now_ms = (self.events.elapsed_secs() * 1e3) as u64;
+        let due_ms = self.next_progress_ms.load(Ordering::Relaxed);
+        if now_ms < due_ms && done != total {
+            return;
+        }
+        self.next_progress_ms.store(now_ms + PROGRESS_EVERY_MS, Ordering::Relaxed);
+        self.events.tell(&Event::Progress { node: self.node.to_owned(), done, total, note: note.to_owned() });
+    }
+
+    fn figure(&self, name: &str, value: f64) {
+        if !value.is_finite() {
+            self.events.warn(Some(self.node), format!("figure `{name}` is {value} and is left out"));
+            return;
+        }
+        let mut figures = self.figures.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        figures.insert(name.to_owned(), value);
+        drop(figures);
+        let (node, round) = (self.node.to_owned(), self.round);
+        self.events.tell(&Event::Figure { node, round, name: name.to_owned(), value });
+    }
+
+    fn say(&self, text: &str) {
+        self.events.tell(&Event::Say { node: self.node.to_owned(), text: text.to_owned() });
+    }
+
+    fn stop_asked(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}

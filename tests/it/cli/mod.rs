@@ -1,0 +1,6 @@
+//! The program as a user meets it.
+
+mod chaos;
+mod plot;
+mod suite;
+mod verbs;

@@ -1,0 +1,8 @@
+//! Pipeline files: expansion, mistakes, suites, what ships.
+
+mod any_bytes;
+mod expand;
+mod mistakes;
+mod render;
+mod shipped;
+mod suite;

@@ -1,0 +1,165 @@
+//! The pipeline files that come with the program: every one unrolls and plans, every cell of the paper's table has one,
+//! and the kinds of work that only some of them do run at tiny sizes.
+
+use std::{collections::BTreeMap, fs, path::Path, process::Command};
+
+use carl_pipe::{
+    pipeline::{self, Graph, Overrides, Source},
+    run::plan::{Force, plan},
+    stage,
+    store::Store,
+};
+
+const TASKS: [&str; 4] = ["planar", "swing_up", "cart_pole", "three_pole"];
+
+/// All files by name, with their text.
+fn files() -> BTreeMap<String, String> {
+    let entries = fs::read_dir("pipelines").unwrap().map(|entry| entry.unwrap().path());
+    let stem = |path: &Path| path.file_stem().unwrap().to_string_lossy().into_owned();
+    entries.map(|path| (stem(&path), fs::read_to_string(&path).unwrap())).collect()
+}
+
+fn graph(text: &str, set: &[&str]) -> Graph {
+    graph_with(text, set, &[])
+}
+
+fn graph_with(text: &str, set: &[&str], sweep: &[&str]) -> Graph {
+    let [set, sweep] = [set, sweep].map(|texts| texts.iter().map(|&text| text.to_owned()).collect());
+    let overrides = Overrides { set, sweep };
+    let source = Source { path: "pipelines/pipeline.toml", bytes: text.as_bytes() };
+    let read = |name: &str| {
+        let path = format!("pipelines/{name}");
+        fs::read(&path).map(|bytes| (path, bytes)).map_err(|error| error.to_string())
+    };
+    pipeline::load_with(&source, &overrides, stage::registry(), &read).unwrap_or_else(|mistakes| panic!("{mistakes:?}"))
+}
+
+#[test]
+fn every_file_is_named_as_its_pipeline_and_plans() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::open(folder.path()).unwrap();
+    for (name, text) in files() {
+        let graph = graph(&text, &[]);
+        assert_eq!(graph.name, name);
+        assert!(text.contains(&format!("#   carl-pipe run pipelines/{name}.toml\n")), "{name} says how to run it");
+        let plan = plan(&graph, &vec![true; graph.nodes.len()], &store, &Force::None).unwrap();
+        assert!(plan.iter().all(Option::is_some), "{name}");
+    }
+}
+
+/// The other commands that headers name.
+#[test]
+fn every_switch_that_a_header_names_can_be_set() {
+    for (name, text) in files() {
+        for line in text.lines().filter_map(|line| line.strip_prefix("#   carl-pipe run ")) {
+            let words: Vec<&str> = line.split('#').next().unwrap().split_whitespace().collect();
+            assert_eq!(words[0], format!("pipelines/{name}.toml"));
+            let after =
+                |flag: &str| -> Vec<&str> { words.windows(2).filter(|two| two[0] == flag).map(|two| two[1]).collect() };
+            graph_with(&text, &after("-S"), &after("--sweep"));
+        }
+    }
+}
+
+#[test]
+fn every_cell_of_the_papers_table_has_a_file_with_the_papers_number_of_samples() {
+    let samples = [
+        ("pcc", [5000, 5000, 10000, 4096]),
+        ("offline", [5000, 5000, 10000, 4096]),
+        ("online", [3072, 1408, 5120, 2944]),
+        ("value_guided", [3200, 1408, 5120, 2816]),
+    ];
+    let files = files();
+    for (algorithm, samples) in samples {
+        for (task, samples) in TASKS.into_iter().zip(samples) {
+            let name = format!("{task}_{algorithm}");
+            let graph = graph(files.get(&name).unwrap_or_else(|| panic!("no {name}.toml")), &[]);
+            let makes_data = |kind: &str| ["generate_data", "collect"].contains(&kind);
+            let made = graph.nodes.iter().filter(|node| makes_data(node.kind.name));
+            assert_eq!(made.map(|node| node.params["samples"].as_u64().unwrap()).sum::<u64>(), samples, "{name}");
+            assert!(graph.nodes.iter().all(|node| node.task.env.word() == task), "{name}");
+            let models = || graph.nodes.iter().filter(|node| node.kind.name == "train_lce");
+            let objective = match algorithm {
+                "pcc" | "value_guided" => algorithm,
+                _ => "carl",
+            };
+            assert!(models().all(|node| node.params["objective"] == objective), "{name}");
+        }
+    }
+}
+
+/// The appendix: lambda_p, lambda_c and tau.
+#[test]
+fn value_guided_files_have_the_papers_weights() {
+    let files = files();
+    for (task, prediction, consistency, inverse) in [
+        ("planar", 2.0, 11.0, 30.0),
+        ("swing_up", 1.0, 7.0, 60.0),
+        ("cart_pole", 1.0, 7.0, 40.0),
+        ("three_pole", 2.0, 11.0, 60.0),
+    ] {
+        let graph = graph(&files[&format!("{task}_value_guided")], &["preset=paper"]);
+        let model = graph.nodes.iter().find(|node| node.name == "represent@1").unwrap();
+        let (lambda, guidance) = (&model.params["lambda"], &model.params["guidance"]);
+        let collect = graph.nodes.iter().find(|node| node.name == "collect@1").unwrap();
+        // The paper trains once, and follows its policy throughout.
+        assert_eq!((&model.params["restarts"], &collect.params["explore"]), (&0.into(), &0.0.into()), "{task}");
+        assert_eq!(
+            (&lambda["prediction"], &lambda["consistency"]),
+            (&prediction.into(), &consistency.into()),
+            "{task}"
+        );
+        assert_eq!(
+            (&guidance["temperature"], &guidance["normalize"]),
+            (&(1.0 / inverse).into(), &false.into()),
+            "{task}"
+        );
+    }
+}
+
+#[test]
+fn both_controllers_share_the_maps_of_the_files_that_compare_them() {
+    let files = files();
+    let both = graph(&files["planar_controllers"], &[]);
+    for (name, shared) in [("planar_pcc", ["represent", "evaluate"]), ("planar_offline", ["represent", "control"])] {
+        for node in graph(&files[name], &[]).nodes.iter().filter(|node| shared.contains(&&*node.stage)) {
+            let is_same = |other: &&pipeline::Node| {
+                (other.kind.name, &other.params, &other.task, &other.stream)
+                    == (node.kind.name, &node.params, &node.task, &node.stream)
+            };
+            assert!(both.nodes.iter().find(is_same).is_some(), "{name}: {}", node.name);
+        }
+    }
+}
+
+/// The real program on a pipeline, at tiny sizes.
+fn run(words: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let ended = Command::new(env!("CARGO_BIN_EXE_carl-pipe"))
+        .args(format!("run pipelines/{words} -q").split_whitespace())
+        .arg("--artifacts")
+        .arg(folder.path().join("store"))
+        .output()
+        .unwrap();
+    assert_eq!(ended.status.code(), Some(0), "{words}: {}", String::from_utf8_lossy(&ended.stderr));
+}
+
+const TINY_ROUNDS: &str = "-S rounds=2 -S bootstrap.samples=40 -S collect.samples=12 -S represent.epochs=1 \
+    -S represent.first.epochs=3 -S represent.warm_up_epochs=1 -S represent.anchor_epochs=0 -S represent.ramp_epochs=1 \
+    -S control.steps=2 -S control.first.steps=3 -S distill.steps=2 -S evaluate.episodes=1";
+
+const TINY_FIT: &str = "-S bootstrap.samples=40 -S represent.epochs=3 -S represent.warm_up_epochs=1 \
+    -S represent.anchor_epochs=0 -S represent.ramp_epochs=1";
+
+#[test]
+fn value_guided_carl_runs() {
+    run(&format!("planar_value_guided.toml {TINY_ROUNDS}"));
+    let goes_on = "-S collect.inputs.last=collect@prev -S collect.continue=true";
+    run(&format!("swing_up_value_guided.toml {TINY_ROUNDS} {goes_on} -S bootstrap.region=biased"));
+}
+
+#[test]
+fn both_controllers_run_on_both_maps() {
+    let few = "-S sac.steps=2 -S evaluate_sac.episodes=1 -S evaluate_ilqr.episodes=1";
+    run(&format!("planar_controllers.toml {TINY_FIT} {few}"));
+}

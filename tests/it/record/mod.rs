@@ -1,0 +1,5 @@
+//! Recordings, and what others read in them.
+
+mod files;
+mod follow;
+mod python;

@@ -1,0 +1,4 @@
+//! The cache and the runner, on toy kinds.
+
+mod cache;
+mod runs;

@@ -1,0 +1,283 @@
+//! Artifacts survive the disk to the byte, and files that are damaged or foreign are refused in words.
+
+use crate::support::stages;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use carl_pipe::{
+    artifact::{Artifact, Evaluation, FigureSummary, Files, LatentMap, ResultSummary, TrainedModel, Transitions},
+    control::{Agent, Ilqr, agent::Whitening},
+    env::{Environment as _, Planar},
+    lce::{Drift, LceModel, Sizes},
+    nn::adam::Adam,
+    num::{rng::Rng, stats::Summary},
+};
+use rand::SeedableRng as _;
+use serde_json::{Value, json};
+
+/// A type of artifact with its types erased.
+#[derive(Clone, Copy)]
+struct Kind {
+    name: &'static str,
+    /// Loads and saves again.
+    again: fn(&Files) -> anyhow::Result<Files>,
+}
+
+fn kind<A: Artifact>() -> Kind {
+    Kind { name: A::TYPE, again: |files| A::load(files)?.save() }
+}
+
+fn transitions() -> Transitions {
+    let planar = Planar { noise: 0.0 };
+    let mut transitions = Transitions { picture: planar.picture_size(), action_dim: 2, ..Transitions::default() };
+    for goal in planar.goals() {
+        transitions.goals.extend(planar.picture(&goal));
+    }
+    for step in 0..5_u32 {
+        let [now, next] = [step, step + 1].map(|i| planar.picture(&[3.0 + f64::from(i), 4.0]));
+        transitions.push(&now, &[0.5, f32::from_bits(step)], &next, step % 3);
+    }
+    transitions
+}
+
+fn model() -> TrainedModel {
+    let sizes = Sizes {
+        slopes: true,
+        drift: Drift::None,
+        convolution: None,
+        squares: None,
+        pixels: 6,
+        latent: 2,
+        action: 1,
+        encoder: [3, 4],
+        decoder: [4, 3],
+        dynamics: [3, 3],
+        backward: [1, 2, 3, 4],
+    };
+    let mut rng = Rng::seed_from_u64(1);
+    let model = LceModel::new(sizes, vec![0, 1, 1, 0, 0, 0], &mut rng);
+    let [m, v] = [(); 2].map(|()| model.nets.layout.initialize(&mut rng));
+    TrainedModel { model, adam: Adam { m, v, steps: u64::MAX }, doubted_goals: vec![0, 2] }
+}
+
+fn agent() -> Agent {
+    let whitening = Whitening { mean: vec![0.25, -1.5], inverse: vec![f32::MIN_POSITIVE, 1e30] };
+    let mut agent = Agent::new(2, 2, whitening, -0.3, &mut Rng::seed_from_u64(2));
+    agent.critics[1].adam.steps = 7;
+    agent.actor.adam.m[3] = -0.0;
+    agent
+}
+
+fn evaluation() -> Evaluation {
+    let json = json!({
+        "percent_goal": 12.195121951219512, "policy_alone": 0.1 + 0.2, "percent_goal_t": 1e-300, "share_of_ceiling": 15.4,
+        "unstick": "random", "radius": 5.0, "horizon": 40,
+        "episodes": [{ "goal": 2, "percent_goal": 12.5, "policy_alone": 0.0, "path": [[3.5, 38.5], [1.5, 4.25]] }],
+    });
+    serde_json::from_value(json).expect("an evaluation")
+}
+
+fn ilqr() -> Ilqr {
+    Ilqr { state_cost: 0.1, plan_length: 7, ..Ilqr::default() }
+}
+
+fn map() -> LatentMap {
+    LatentMap {
+        latent: 2,
+        grid: vec![[0, 0], [0, 1], [1, 0]],
+        places: vec![[0.1, 0.1], [0.1, 0.2], [0.2, 0.1]],
+        codes: vec![0.0, 1.0, 0.5, -1.0, 2.0, 0.25],
+        goals: vec![1.0, 1.0],
+        quality: 0.75,
+    }
+}
+
+fn summary() -> ResultSummary {
+    let models = vec![76.8, 77.3];
+    let figure = || FigureSummary { summary: Summary::of(&models).expect("models"), models: models.clone() };
+    let Evaluation { controller, radius, start, horizon, .. } = evaluation();
+    ResultSummary {
+        controller,
+        radius,
+        start,
+        horizon,
+        episodes: vec![10, 10],
+        percent_goal: figure(),
+        policy_alone: figure(),
+        percent_goal_t: figure(),
+        ceiling: Some(78.87),
+        share_of_ceiling: Some(97.7),
+    }
+}
+
+fn all() -> Vec<(Kind, Files)> {
+    vec![
+        (kind::<Transitions>(), transitions().save().expect("files")),
+        (kind::<TrainedModel>(), model().save().expect("files")),
+        (kind::<Agent>(), agent().save().expect("files")),
+        (kind::<Ilqr>(), ilqr().save().expect("files")),
+        (kind::<Evaluation>(), evaluation().save().expect("files")),
+        (kind::<LatentMap>(), map().save().expect("files")),
+        (kind::<ResultSummary>(), summary().save().expect("files")),
+    ]
+}
+
+/// Loads and saves; a panic fails the test in the name of `what`.
+fn again(kind: Kind, files: &Files, what: &str) -> anyhow::Result<Files> {
+    catch_unwind(AssertUnwindSafe(|| (kind.again)(files))).unwrap_or_else(|_| panic!("{}: {what} panics", kind.name))
+}
+
+#[track_caller]
+fn refused(kind: Kind, files: &Files, what: &str) {
+    let refusal = again(kind, files, what).expect_err(&format!("{}: {what} is not refused", kind.name));
+    assert!(!format!("{refusal:#}").is_empty());
+}
+
+#[test]
+fn values_survive_the_disk() {
+    fn survives<A: Artifact + PartialEq + std::fmt::Debug>(value: &A) {
+        assert!(A::load(&value.save().expect("files")).expect("readable") == *value, "{}", A::TYPE);
+    }
+    survives(&transitions());
+    survives(&model());
+    let mut drifting = model();
+    drifting.set_drift(Drift::Quadratic);
+    survives(&drifting);
+    survives(&agent());
+    survives(&evaluation());
+    survives(&ilqr());
+    survives(&map());
+    survives(&summary());
+}
+
+#[test]
+fn saving_what_was_loaded_gives_equal_bytes() {
+    for (kind, files) in all() {
+        assert!(again(kind, &files, "its own files").expect("readable") == files, "{}", kind.name);
+    }
+}
+
+#[test]
+fn saving_what_stages_made_gives_equal_bytes() {
+    let chain = stages::Chain::run();
+    for (name, maker, _, files) in chain.all() {
+        let output = carl_pipe::stage::kind(maker).expect("a kind").output;
+        let kind = all().into_iter().map(|(kind, _)| kind).find(|kind| kind.name == output).expect("known");
+        assert!(again(kind, files, name).expect("readable") == *files, "{name}");
+    }
+}
+
+#[test]
+fn a_missing_file_is_refused_by_name() {
+    for (kind, files) in all() {
+        for name in files.keys().filter(|name| !name.ends_with(".svg")) {
+            let mut fewer = files.clone();
+            fewer.remove(name);
+            let error = again(kind, &fewer, name).expect_err("refused");
+            assert!(format!("{error:#}").contains(name.as_str()), "{}: {error:#}", kind.name);
+        }
+    }
+}
+
+#[test]
+fn a_truncated_file_is_refused_wherever_it_ends() {
+    for (kind, files) in all() {
+        for (name, bytes) in files.iter().filter(|(name, _)| !name.ends_with(".svg")) {
+            let header = 400.min(bytes.len());
+            // The last byte of a JSON file is a line break, without which it is as good.
+            let whole = bytes.len() - usize::from(name.ends_with(".json"));
+            let ends = (0..header).step_by(7).chain((header..whole).step_by(whole / 23 + 1)).chain([whole - 1]);
+            for end in ends {
+                let mut cut = files.clone();
+                cut.insert(name.clone(), bytes[..end].to_vec());
+                refused(kind, &cut, &format!("`{name}` cut after {end} bytes"));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_changed_byte_of_a_header_never_panics() {
+    for (kind, files) in all() {
+        for (name, bytes) in &files {
+            for at in (0..bytes.len().min(1200)).step_by(5) {
+                for flip in [0x01, 0x08, 0xff] {
+                    let mut changed = files.clone();
+                    changed.get_mut(name).expect("there")[at] ^= flip;
+                    // A changed number may well be a valid value; what counts is that nothing panics.
+                    drop(again(kind, &changed, &format!("`{name}` with byte {at} changed")));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn files_of_another_artifact_are_refused() {
+    let all = all();
+    for (kind, own) in &all {
+        for (other, foreign) in all.iter().filter(|(other, _)| other.name != kind.name) {
+            refused(*kind, foreign, other.name);
+            // The same files under the names that this artifact has.
+            let bytes = foreign.values().cycle();
+            let renamed: Files = own.keys().cloned().zip(bytes.cloned()).collect();
+            refused(*kind, &renamed, &format!("{} under its own names", other.name));
+        }
+    }
+}
+
+/// Changes a field of a JSON file.
+fn with(files: &Files, name: &str, pointer: &str, value: Value) -> Files {
+    let mut json: Value = serde_json::from_slice(&files[name]).expect("JSON");
+    *json.pointer_mut(pointer).expect("a field") = value;
+    let mut files = files.clone();
+    files.insert(name.to_owned(), serde_json::to_vec(&json).expect("JSON"));
+    files
+}
+
+#[test]
+fn widths_that_do_not_fit_the_tensors_are_refused() {
+    let (model, agent, map) =
+        (model().save().expect("files"), agent().save().expect("files"), map().save().expect("files"));
+    for width in [json!(0), json!(9), json!(5_000_000), json!(1_u64 << 40), json!(u64::MAX), json!(-1), json!(0.5)] {
+        for field in ["pixels", "latent", "action", "encoder/1", "decoder/1", "dynamics/1", "backward/0"] {
+            let files = with(&model, "model.json", &format!("/sizes/{field}"), width.clone());
+            refused(kind::<TrainedModel>(), &files, &format!("{field} of {width}"));
+        }
+        for field in ["latent", "action"] {
+            let files = with(&agent, "agent.json", &format!("/{field}"), width.clone());
+            refused(kind::<Agent>(), &files, &format!("{field} of {width}"));
+        }
+        refused(
+            kind::<LatentMap>(),
+            &with(&map, "latent_map.json", "/latent", width.clone()),
+            &format!("latent of {width}"),
+        );
+    }
+}
+
+#[test]
+fn transitions_of_different_lengths_are_refused() {
+    let whole = transitions();
+    for (what, change) in [
+        ("an action less", (|t| t.actions.truncate(8)) as fn(&mut Transitions)),
+        ("a next observation less", |t| t.next_observations.truncate(4 * 1600)),
+        ("an observation less", |t| t.observations.truncate(4 * 1600)),
+        ("half an observation less", |t| t.observations.truncate(800)),
+        ("no goal images", |t| t.goals.clear()),
+        ("a goal without an image", |t| t.goal_index[2] = 3),
+    ] {
+        let mut changed = whole.clone();
+        change(&mut changed);
+        let refused = changed.save().and_then(|files| Transitions::load(&files));
+        assert!(refused.is_err(), "{what}");
+    }
+}
+
+#[test]
+fn transitions_of_different_tasks_are_not_joined() {
+    let one = transitions();
+    let other = Transitions { goals: one.goals[..2 * 1600].to_vec(), ..one.clone() };
+    assert!(Transitions::concat(&[one.clone(), other]).is_err());
+    let both = Transitions::concat(&[one.clone(), one.clone()]).expect("of one task");
+    assert_eq!((both.len(), &both.goals), (10, &one.goals));
+}

@@ -1,0 +1,138 @@
+//! What follows where detectors find fault: training begins again, and episodes look around.
+
+use crate::support::stages;
+use std::{collections::BTreeMap, sync::Mutex};
+
+use carl_pipe::{
+    artifact::{Artifact as _, Files, TrainedModel, Transitions},
+    stage::Host,
+};
+use serde_json::{Value, json};
+
+/// A host that remembers figures, sentences and how many epochs there were.
+#[derive(Default)]
+struct Ear {
+    figures: Mutex<BTreeMap<String, f64>>,
+    said: Mutex<Vec<String>>,
+    epochs: Mutex<u64>,
+}
+
+impl Host for Ear {
+    fn progress(&self, done: u64, total: u64, _: &str) {
+        assert!(done <= total, "{done} of {total}");
+        *self.epochs.lock().unwrap() = done;
+    }
+    fn figure(&self, name: &str, value: f64) {
+        self.figures.lock().unwrap().insert(name.to_owned(), value);
+    }
+    fn say(&self, text: &str) {
+        self.said.lock().unwrap().push(text.to_owned());
+    }
+    fn stop_asked(&self) -> bool {
+        false
+    }
+}
+
+impl Ear {
+    fn figure_of(&self, name: &str) -> f64 {
+        self.figures.lock().unwrap()[name]
+    }
+
+    fn epochs(&self) -> u64 {
+        *self.epochs.lock().unwrap()
+    }
+
+    fn heard(&self, words: &str) -> bool {
+        self.said.lock().unwrap().iter().any(|sentence| sentence.contains(words))
+    }
+}
+
+fn train(given: Value, inputs: &stages::Inputs<'_>, threads: usize) -> (Files, Ear) {
+    let ear = Ear::default();
+    let stream = stages::stream("train_lce");
+    let files = stages::run_heard(&stages::planar(), "train_lce", given, inputs, stream, threads, &ear);
+    (files.expect("a model"), ear)
+}
+
+fn data() -> Files {
+    stages::run("generate_data", json!({ "samples": 64 }), &[])
+}
+
+/// Two epochs: a map that is good for nothing.
+fn hardly_trained(restarts: u64) -> Value {
+    json!({ "epochs": 2, "warm_up_epochs": 1, "anchor_epochs": 0, "ramp_epochs": 1, "restarts": restarts })
+}
+
+#[test]
+fn the_soundest_of_the_maps_stays() {
+    let data = data();
+    let runs: Vec<_> =
+        (0..3).map(|restarts| train(hardly_trained(restarts), &[("transitions", &[&data])], 2)).collect();
+    for (restarts, (_, ear)) in runs.iter().enumerate() {
+        assert_eq!((ear.figure_of("restarts"), ear.epochs()), (restarts as f64, 2 + 2 * restarts as u64));
+        assert_eq!(ear.heard("begins again"), restarts > 0);
+    }
+    for pair in runs.windows(2) {
+        let [(before, spread_before), (after, spread_after)] =
+            [&pair[0], &pair[1]].map(|(files, ear)| (files, ear.figure_of("code_spread")));
+        assert!(spread_before <= spread_after && spread_after < 1.0, "{spread_before} {spread_after}");
+        assert_eq!(before == after, spread_before == spread_after);
+    }
+}
+
+#[test]
+fn a_collapsed_map_of_the_round_before_is_given_up() {
+    let data = data();
+    let (bad, _) = train(hardly_trained(0), &[("transitions", &[&data])], 2);
+    let inputs: &stages::Inputs<'_> = &[("transitions", &[&data]), ("warm_start", &[&bad])];
+    let warm_up = json!({ "epochs": 1, "warm_up_epochs": 120, "anchor_epochs": 50, "ramp_epochs": 0 });
+    let given = |restarts: u64| {
+        let mut given = warm_up.clone();
+        given["restarts"] = json!(restarts);
+        given
+    };
+    let (_, warm) = train(given(0), inputs, 2);
+    let (files, ear) = train(given(1), inputs, 2);
+    assert_eq!((ear.figure_of("restarts"), ear.epochs()), (1.0, 1 + 120 + 1));
+    let spread = [&warm, &ear].map(|ear| ear.figure_of("code_spread"));
+    assert!(spread[1] > 20.0 * spread[0], "{spread:?}");
+    assert!(ear.heard("begins again") && !ear.heard("stays"));
+    let doubted = |files: &Files| TrainedModel::load(files).unwrap().doubted_goals;
+    assert_eq!(doubted(&files).is_empty(), ear.figure_of("goal_rank") <= 0.995, "{:?}", doubted(&files));
+    assert!(doubted(&bad).is_empty(), "nobody has been near a goal in the first round");
+    let (again, _) = train(given(1), inputs, 1);
+    assert!(files == again, "another number of threads, other bits");
+}
+
+#[test]
+fn episodes_to_a_doubted_goal_end_with_random_actions() {
+    let data = data();
+    let (model, _) = train(hardly_trained(0), &[("transitions", &[&data])], 2);
+    let agent = stages::run("train_sac", json!({ "steps": 3 }), &[("transitions", &[&data]), ("model", &[&model])]);
+    let doubting = |goals: &[usize]| {
+        let model = TrainedModel { doubted_goals: goals.to_vec(), ..TrainedModel::load(&model).unwrap() };
+        model.save().unwrap()
+    };
+    let transitions = |model: &Files, given: Value| {
+        let files = stages::run("collect", given, &[("model", &[model]), ("agent", &[&agent])]);
+        Transitions::load(&files).unwrap()
+    };
+    let all = doubting(&[0, 1, 2]);
+    let collected =
+        |model: &Files, explore: f64| transitions(model, json!({ "samples": 40, "explore": explore })).actions;
+    let [trusting, half, none] = [(&model, 0.5), (&all, 0.5), (&all, 0.0)].map(|(m, e)| collected(m, e));
+    let (policy, random) = half.split_at(20 * 2);
+    assert_eq!(policy, &trusting[..40]);
+    assert!(random.iter().zip(&trusting[40..]).all(|(a, b)| a != b));
+    assert_eq!(none, trusting);
+    // Of fewer samples than an episode has steps, half of the samples.
+    let few = transitions(&all, json!({ "samples": 20 })).actions;
+    assert!(few[..20] == trusting[..20] && few[20..] != trusting[20..40]);
+    // The first episode's goal is trusted, that of the second is not.
+    let two = transitions(&model, json!({ "samples": 80 }));
+    let second = two.goal_index[40] as usize;
+    assert_ne!(second, two.goal_index[0] as usize);
+    let half = transitions(&doubting(&[second]), json!({ "samples": 80 })).actions;
+    let at = 60 * 2;
+    assert!(half[..at] == two.actions[..at] && half[at..].iter().zip(&two.actions[at..]).all(|(a, b)| a != b));
+}

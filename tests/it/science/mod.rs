@@ -1,0 +1,14 @@
+//! Environments, losses, training and artifacts against golden data.
+
+mod artifacts;
+mod artifacts_python;
+mod determinism;
+mod environments;
+mod golden_environments;
+mod golden_losses;
+mod gradients;
+mod instruction_sets;
+mod map_checks;
+mod pinned_digests;
+mod stages_on_poles;
+mod states_stay_hidden;

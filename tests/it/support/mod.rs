@@ -1,0 +1,9 @@
+//! What several tests need.
+
+pub mod cli;
+#[path = "../../support/models.rs"]
+pub mod models;
+pub mod pipeline;
+pub mod recording;
+pub mod run;
+pub mod stages;

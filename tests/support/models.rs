@@ -1,0 +1,60 @@
+//! Models with random weights, and data for them.
+
+use carl_pipe::{
+    artifact::Transitions,
+    env::{Environment as _, Planar},
+    lce::{Drift, LceModel, Sizes, model::background, trainer::Data},
+    num::{rng::Rng, sampling},
+};
+use rand::SeedableRng as _;
+
+/// Transitions of single random steps in the planar system.
+fn transitions(samples: usize) -> Transitions {
+    let planar = Planar { noise: 0.0 };
+    let mut rng = Rng::seed_from_u64(1);
+    let mut transitions = Transitions { picture: planar.picture_size(), action_dim: 2, ..Transitions::default() };
+    for goal in planar.goals() {
+        transitions.goals.extend(planar.picture(&goal));
+    }
+    for _ in 0..samples {
+        let (state, action) = (planar.sample_state(&mut rng), planar.sample_action(&mut rng));
+        let next = planar.step(&state, &action, &mut rng);
+        let scaled: Vec<f32> = action.iter().map(|u| (u / 3.0) as f32).collect();
+        transitions.push(&planar.picture(&state), &scaled, &planar.picture(&next), 0);
+    }
+    transitions
+}
+
+/// A model of the paper's sizes and data for it.
+pub fn model_and_data(samples: usize) -> (LceModel, Data) {
+    let transitions = transitions(samples);
+    let background = background(&transitions.frames(), transitions.pixels());
+    let model = LceModel::new(Sizes::planar(), background, &mut Rng::seed_from_u64(2));
+    let data = transitions.data(&model);
+    (model, data)
+}
+
+/// A small convolutional model on two frames of random pictures.
+pub fn convolutional_model_and_data(samples: usize) -> (LceModel, Data) {
+    let sizes = Sizes {
+        pixels: 2 * 16 * 24,
+        latent: 2,
+        action: 2,
+        convolution: Some([2, 16, 24]),
+        squares: None,
+        slopes: false,
+        drift: Drift::None,
+        encoder: [60, 20],
+        decoder: [20, 60],
+        dynamics: [8, 8],
+        backward: [3, 3, 10, 10],
+    };
+    let mut rng = Rng::seed_from_u64(1);
+    let frames: Vec<u8> =
+        (0..2 * samples * sizes.pixels).map(|_| u8::from(sampling::index(&mut rng, 20) == 0)).collect();
+    let actions = (0..2 * samples).map(|_| sampling::uniform(&mut rng, -1.0, 1.0)).collect();
+    let background = background(&frames, sizes.pixels);
+    let model = LceModel::new(sizes, background, &mut rng);
+    let data = Data { pictures: model.pictures(&frames), actions, action_dim: 2 };
+    (model, data)
+}

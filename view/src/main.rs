@@ -1,0 +1,3 @@
+//! The live view.
+
+fn main() {}
