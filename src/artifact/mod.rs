@@ -16,7 +16,7 @@ pub use collected::Collected;
 pub use evaluation::{EpisodeResult, Evaluation};
 pub use latent_map::LatentMap;
 pub use lce_model::TrainedModel;
-pub use summary::{FigureSummary, ResultSummary};
+pub use summary::{MetricSummary, ResultSummary};
 pub use transitions::Transitions;
 
 /// The files of one artifact by name: every file becomes one content-addressed object of the store.

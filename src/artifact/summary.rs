@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 use super::{Artifact, Files, json, tensors::file};
 use crate::{control::rollout::Controller, env::Start, num::stats::Summary};
 
-/// One figure over models, with the value of each.
+/// One metric over models, with the value of each.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct FigureSummary {
+pub struct MetricSummary {
     /// Its statistics.
     #[serde(flatten)]
     pub summary: Summary,
@@ -29,11 +29,11 @@ pub struct ResultSummary {
     /// Episodes of each model.
     pub episodes: Vec<usize>,
     /// Share of T+1 states at the goal, in per cent, as deployed.
-    pub percent_goal: FigureSummary,
+    pub percent_goal: MetricSummary,
     /// The same by the policy alone.
-    pub policy_alone: FigureSummary,
+    pub policy_alone: MetricSummary,
     /// As deployed, counting T states.
-    pub percent_goal_t: FigureSummary,
+    pub percent_goal_t: MetricSummary,
     /// Mean %-goal of the best possible controller, where it is known for this protocol.
     pub ceiling: Option<f64>,
     /// The mean of `percent_goal` as a share of `ceiling`, in per cent.

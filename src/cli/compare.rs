@@ -1,4 +1,4 @@
-//! `carl-pipe compare`: what differs between two runs: parameters, figures with their uncertainty, outputs.
+//! `carl-pipe compare`: what differs between two runs: parameters, metrics with their uncertainty, outputs.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -43,7 +43,7 @@ pub(crate) struct Args {
     /// The second run.
     #[arg(value_name = "RUN", default_value = "latest")]
     after: String,
-    /// Which figure.
+    /// Which metric.
     #[arg(long, value_name = "NAME", default_value = "percent_goal")]
     metric: String,
     /// One JSON object.
@@ -57,7 +57,8 @@ struct Comparison {
     parameters: Vec<Changed>,
     only_before: Vec<String>,
     only_after: Vec<String>,
-    figures: Vec<Figure>,
+    #[serde(rename = "figures")]
+    metrics: Vec<Metric>,
     outputs: Outputs,
 }
 
@@ -69,9 +70,9 @@ struct Changed {
     rounds: Vec<u32>,
 }
 
-/// A figure of both runs.
+/// A metric of both runs.
 #[derive(Debug, Serialize)]
-struct Figure {
+struct Metric {
     pipeline: String,
     stage: String,
     before: Summary,
@@ -100,9 +101,9 @@ pub(crate) fn compare(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Ex
         [&mut before, &mut after].into_iter().flat_map(|it| &mut it.members).for_each(|member| member.name.clear());
     }
     let (parameters, only_before, only_after) = parameters(&before, &after);
-    let figures = figures([&before, &after], &args.metric, &store, kinds)?;
+    let metrics = metrics([&before, &after], &args.metric, &store, kinds)?;
     let outputs = outputs(&before, &after);
-    let found = Comparison { parameters, only_before, only_after, figures, outputs };
+    let found = Comparison { parameters, only_before, only_after, metrics, outputs };
     if args.json {
         let mut object = json!(found);
         let head = [("version", json!(1)), ("before", json!(before.run)), ("after", json!(after.run))];
@@ -167,8 +168,8 @@ fn own(manifest: &Manifest, node: &NodeRecord) -> Value {
     key
 }
 
-/// The figures of what both runs evaluated; two that stand alone are compared whatever they are called.
-fn figures(manifests: [&Manifest; 2], metric: &str, store: &Store, kinds: &[Kind]) -> Result<Vec<Figure>, Error> {
+/// The metrics of what both runs evaluated; two that stand alone are compared whatever they are called.
+fn metrics(manifests: [&Manifest; 2], metric: &str, store: &Store, kinds: &[Kind]) -> Result<Vec<Metric>, Error> {
     let of = |manifest: &Manifest| {
         let finals = outcomes(manifest, kinds).into_iter().filter(|outcome| outcome.is_last).collect();
         pooled(finals, metric, true, store)
@@ -180,7 +181,7 @@ fn figures(manifests: [&Manifest; 2], metric: &str, store: &Store, kinds: &[Kind
             == (name_of(&other.member), &other.stage, &other.task, &other.point)
     };
     let are_alone = before.len() == 1 && after.len() == 1 && before[0].first().task == after[0].first().task;
-    let mut figures = Vec::new();
+    let mut metrics = Vec::new();
     for old in before {
         let Some(at) = after.iter().position(|new| are_alone || is_same(&old, new)) else { continue };
         let new = after.remove(at);
@@ -189,7 +190,7 @@ fn figures(manifests: [&Manifest; 2], metric: &str, store: &Store, kinds: &[Kind
         let names = |[one, other]: [&String; 2]| {
             if one == other { one.clone() } else { format!("{one} -> {other}") }
         };
-        figures.push(Figure {
+        metrics.push(Metric {
             pipeline: names(pipelines),
             stage: names(stages),
             difference: difference(&old, &new),
@@ -197,7 +198,7 @@ fn figures(manifests: [&Manifest; 2], metric: &str, store: &Store, kinds: &[Kind
             after: new.summary,
         });
     }
-    Ok(figures)
+    Ok(metrics)
 }
 
 /// Over pairs of models where seeds are common, else over both sides on their own.
@@ -240,7 +241,7 @@ fn print(manifests: [&Manifest; 2], found: &Comparison, metric: &str, paint: Pai
     rows.extend(found.only_after.iter().map(|stage| vec![format!("  {stage}"), "only after".to_owned()]));
     out::line(&format!("\n{}", paint.bold(if rows.is_empty() { "parameters are equal" } else { "parameters" })));
     out::print(&out::table(&rows));
-    let rows: Vec<Vec<String>> = found.figures.iter().map(|figure| figure_row(figure, paint)).collect();
+    let rows: Vec<Vec<String>> = found.metrics.iter().map(|metric| metric_row(metric, paint)).collect();
     if rows.is_empty() {
         out::line(&format!("\n{}", paint.bold(&format!("{metric}: nothing that both runs evaluated"))));
     } else {
@@ -253,8 +254,8 @@ fn print(manifests: [&Manifest; 2], found: &Comparison, metric: &str, paint: Pai
     out::line(&format!("\n{} {equal} equal, {} differ{first}{left}", paint.bold("outputs:"), differ.len()));
 }
 
-fn figure_row(figure: &Figure, paint: Paint) -> Vec<String> {
-    let difference = figure.difference.as_ref().map_or_else(String::new, |it| {
+fn metric_row(metric: &Metric, paint: Paint) -> Vec<String> {
+    let difference = metric.difference.as_ref().map_or_else(String::new, |it| {
         let interval = match it.ci95 {
             Some([low, high]) => {
                 let text = format!(", 95 % interval {} to {}", signed(low), signed(high));
@@ -270,8 +271,8 @@ fn figure_row(figure: &Figure, paint: Paint) -> Vec<String> {
         };
         format!("{}{interval}{pairs}", signed(it.mean))
     });
-    let name = format!("  {}/{}", figure.pipeline, figure.stage);
-    vec![name, mean(&figure.before), "->".to_owned(), mean(&figure.after), difference]
+    let name = format!("  {}/{}", metric.pipeline, metric.stage);
+    vec![name, mean(&metric.before), "->".to_owned(), mean(&metric.after), difference]
 }
 
 fn signed(value: f64) -> String {

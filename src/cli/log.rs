@@ -168,9 +168,9 @@ fn by_stage(nodes: &[&NodeRecord]) -> Vec<Vec<String>> {
 
 fn row(node: &NodeRecord) -> Vec<String> {
     let state = serde_json::to_value(node.state).ok().and_then(|it| it.as_str().map(str::to_owned)).unwrap_or_default();
-    let figures = node.figures.iter().map(|(name, value)| format!("{name} {}", out::figure(*value)));
+    let metrics = node.metrics.iter().map(|(name, value)| format!("{name} {}", out::number(*value)));
     let output = node.output.map_or_else(String::new, |digest| digest.short());
-    vec![node.name.clone(), state, duration(node.secs), output, figures.collect::<Vec<_>>().join(", ")]
+    vec![node.name.clone(), state, duration(node.secs), output, metrics.collect::<Vec<_>>().join(", ")]
 }
 
 /// Where the files and the recording of a node lie.

@@ -100,7 +100,7 @@ enum Verb {
     Plot(plot::Args),
     /// Show what runs reached, as a table of tasks and algorithms.
     Table(table::Args),
-    /// Say what differs between two runs: parameters, figures with their uncertainty, outputs.
+    /// Say what differs between two runs: parameters, metrics with their uncertainty, outputs.
     Compare(compare::Args),
     /// Run a recorded run again in an empty store, and compare every output and recording.
     Replay(replay::Args),

@@ -111,8 +111,8 @@ pub(crate) fn bytes(count: u64) -> String {
     format!("{value:.1} TB")
 }
 
-/// A figure: whole numbers whole, others with as many digits as matter.
-pub(crate) fn figure(value: f64) -> String {
+/// A number for reading: whole numbers whole, others with as many digits as matter.
+pub(crate) fn number(value: f64) -> String {
     match value.abs() {
         size if value.fract() == 0.0 && size < 1e9 => format!("{value:.0}"),
         size if (10.0..1e6).contains(&size) => format!("{value:.1}"),
@@ -179,8 +179,8 @@ mod tests {
     }
 
     #[test]
-    fn figures_read_well() {
-        let told: Vec<_> = [3072.0, 74.2345, 0.01234, 0.000_123, 1.0].map(figure).into();
+    fn numbers_read_well() {
+        let told: Vec<_> = [3072.0, 74.2345, 0.01234, 0.000_123, 1.0].map(number).into();
         assert_eq!(told, ["3072", "74.2", "0.012", "1.23e-4", "1"]);
     }
 

@@ -68,7 +68,7 @@ fn sentence(event: &Event, paint: Paint, talk: Talk) -> Option<String> {
             let seed = seed.map_or_else(String::new, |seed| format!(", seed {seed}"));
             Some(format!("{} {pipeline}: {nodes} nodes{seed} {}", paint.bold("run"), paint.dim(&format!("({run})"))))
         }
-        Event::Figure { node, round, name, value } if name == "percent_goal" => {
+        Event::Metric { node, round, name, value } if name == "percent_goal" => {
             let (member, bare) = node.split_once('/').map_or(("", node.as_str()), |(member, bare)| (member, bare));
             let stage = bare.split(['@', '[']).next().unwrap_or(bare);
             let place = match round {
@@ -79,9 +79,9 @@ fn sentence(event: &Event, paint: Paint, talk: Talk) -> Option<String> {
             // At a point of a matrix the round alone would not tell which.
             let point = node.split_once('[').map_or_else(String::new, |(_, point)| format!(" [{point}"));
             let member = if member.is_empty() { String::new() } else { format!("{member} ") };
-            Some(format!("{member}{place}{point}  {name} {}", paint.bold(&out::figure(*value))))
+            Some(format!("{member}{place}{point}  {name} {}", paint.bold(&out::number(*value))))
         }
-        Event::Figure { node, name, value, .. } if verbose => Some(format!("{node}  {name} {}", out::figure(*value))),
+        Event::Metric { node, name, value, .. } if verbose => Some(format!("{node}  {name} {}", out::number(*value))),
         Event::Say { node, text } => Some(format!("{node}: {text}")),
         Event::Warning { node: Some(node), text } => Some(format!("{} {node}: {text}", paint.yellow("warning:"))),
         Event::Warning { node: None, text } => Some(format!("{} {text}", paint.yellow("warning:"))),
@@ -104,7 +104,7 @@ enum Talk {
     Little,
     /// A line when a node has run.
     Some,
-    /// Cached nodes and all figures too.
+    /// Cached nodes and all metrics too.
     Much,
 }
 
@@ -198,7 +198,7 @@ fn left(done: u64, total: u64, spent: Duration) -> String {
         return String::new();
     }
     let rate = done as f64 / spent.as_secs_f64().max(1e-9);
-    format!("  ({}/s, {} left)", out::figure(rate), duration((total - done) as f64 / rate))
+    format!("  ({}/s, {} left)", out::number(rate), duration((total - done) as f64 / rate))
 }
 
 /// Bars on standard error.
@@ -264,7 +264,7 @@ impl Bars {
 fn style(template: &str) -> ProgressStyle {
     let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
     let rate = |state: &ProgressState, text: &mut dyn fmt::Write| {
-        let _ = write!(text, "{}/s", out::figure(state.per_sec()));
+        let _ = write!(text, "{}/s", out::number(state.per_sec()));
     };
     style.with_key("rate", rate).progress_chars("━╸─")
 }

@@ -28,7 +28,7 @@ pub(crate) fn json(report: &Report) -> Value {
         let error = node.failure.as_ref().map(|failure| &failure.text);
         json!({
             "state": node.state, "digest": node.digest, "recording": node.recording, "secs": node.secs,
-            "figures": node.figures, "error": error,
+            "figures": node.metrics, "error": error,
         })
     };
     let nodes: Map<String, Value> = report.nodes.iter().map(|it| (it.name.clone(), node(it))).collect();
@@ -110,7 +110,7 @@ fn table(report: &Report, graph: &Graph, paint: Paint) -> String {
             report
                 .nodes
                 .iter()
-                .map(|node| vec![node.name.clone(), state(node.state, paint), time(node.secs), key_figure(node)]),
+                .map(|node| vec![node.name.clone(), state(node.state, paint), time(node.secs), headline(node)]),
         );
     } else {
         let mut groups: Vec<(&str, Vec<&NodeReport>)> = Vec::new();
@@ -134,10 +134,10 @@ fn group_row(name: &str, nodes: &[&NodeReport], is_member: bool, paint: Paint) -
         counts.entry(node.state as u8).or_insert((node.state, 0)).1 += 1;
     }
     let states = counts.values().map(|(it, count)| format!("{} {count}", state(*it, paint)));
-    let last = nodes.iter().rev().find(|node| !node.figures.is_empty() && !is_member);
-    let figure = last.map_or_else(String::new, |node| key_figure(node));
+    let last = nodes.iter().rev().find(|node| !node.metrics.is_empty() && !is_member);
+    let metric = last.map_or_else(String::new, |node| headline(node));
     let secs: f64 = nodes.iter().map(|node| node.secs).sum();
-    vec![format!("{name} x{}", nodes.len()), states.collect::<Vec<_>>().join(", "), time(secs), figure]
+    vec![format!("{name} x{}", nodes.len()), states.collect::<Vec<_>>().join(", "), time(secs), metric]
 }
 
 fn state(state: NodeState, paint: Paint) -> String {
@@ -154,10 +154,10 @@ fn time(secs: f64) -> String {
     if secs > 0.0 { duration(secs) } else { String::new() }
 }
 
-/// `percent_goal` where there is one, else the first figure.
-fn key_figure(node: &NodeReport) -> String {
-    let first = node.figures.get_key_value("percent_goal").or_else(|| node.figures.first_key_value());
-    first.map_or_else(String::new, |(name, value)| format!("{name} {}", out::figure(*value)))
+/// `percent_goal` where there is one, else the first metric.
+fn headline(node: &NodeReport) -> String {
+    let first = node.metrics.get_key_value("percent_goal").or_else(|| node.metrics.first_key_value());
+    first.map_or_else(String::new, |(name, value)| format!("{name} {}", out::number(*value)))
 }
 
 fn closing(report: &Report, reached: &[Series], paint: Paint) -> String {
@@ -175,11 +175,11 @@ fn closing(report: &Report, reached: &[Series], paint: Paint) -> String {
             parts.push(format!("{count} {word}"));
         }
     }
-    let figure = match reached {
+    let metric = match reached {
         [one] if one.summary.n > 1 => format!("; percent_goal {}", render::mean(&one.summary)),
-        _ => report.percent_goal.map_or_else(String::new, |value| format!("; percent_goal {}", out::figure(value))),
+        _ => report.percent_goal.map_or_else(String::new, |value| format!("; percent_goal {}", out::number(value))),
     };
-    format!("{}{}", paint.bold(&format!("{} in {}", parts.join(", "), duration(report.wall_secs))), paint.bold(&figure))
+    format!("{}{}", paint.bold(&format!("{} in {}", parts.join(", "), duration(report.wall_secs))), paint.bold(&metric))
 }
 
 fn failure(node: &NodeReport, report: &Report, graph: &Graph, paint: Paint) -> String {

@@ -14,7 +14,7 @@ pub const RESAMPLES: usize = 10_000;
 /// How many models "worst five" and "top five" mean.
 pub const FIVE: usize = 5;
 
-/// What is known of a figure over several models.
+/// What is known of a metric over several models.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Models.

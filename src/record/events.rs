@@ -36,7 +36,8 @@ pub(super) enum Event {
         #[serde(default)]
         recording: Option<PathBuf>,
     },
-    Figure {
+    #[serde(rename = "figure")]
+    Metric {
         #[serde(default)]
         node: Option<String>,
         name: String,

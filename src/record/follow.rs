@@ -195,7 +195,7 @@ impl<'a> Run<'a> {
                 self.finished.insert(node);
             }
             Event::NodeStarted { .. } | Event::NodeFinished { .. } => {}
-            Event::Figure { node, name, value } => {
+            Event::Metric { node, name, value } => {
                 self.tell(&node.unwrap_or_default(), &format!("{name} = {value}"))?
             }
             Event::Say { node, text } => self.tell(&node.unwrap_or_default(), &text)?,

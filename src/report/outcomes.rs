@@ -58,8 +58,8 @@ pub struct Outcome {
     pub key: Option<Digest>,
     /// The content digest of the evaluation.
     pub output: Option<Digest>,
-    /// Its figures, and those of other stages of its round at its point.
-    pub figures: BTreeMap<String, f64>,
+    /// Its metrics, and those of other stages of its round at its point.
+    pub metrics: BTreeMap<String, f64>,
 }
 
 /// Whether a node has a result.
@@ -111,7 +111,7 @@ impl<'a> Reader<'a> {
             family: self.family(node),
             key: node.key,
             output: node.output,
-            figures: self.figures(node),
+            metrics: self.metrics(node),
         }
     }
 
@@ -199,20 +199,20 @@ impl<'a> Reader<'a> {
         node.task.ceiling(Protocol { radius, start }).filter(|_| is_own)
     }
 
-    /// The figures of an evaluation, and those of other stages of its round at its point.
-    fn figures(&self, node: &NodeRecord) -> BTreeMap<String, f64> {
-        let mut figures = node.figures.clone();
+    /// The metrics of an evaluation, and those of other stages of its round at its point.
+    fn metrics(&self, node: &NodeRecord) -> BTreeMap<String, f64> {
+        let mut metrics = node.metrics.clone();
         let is_beside = |other: &&NodeRecord| {
             (other.member, &other.point, other.round) == (node.member, &node.point, node.round)
                 && is_done(other)
                 && other.name != node.name
         };
         for other in self.manifest.nodes.iter().filter(is_beside) {
-            for (name, value) in &other.figures {
-                figures.entry(name.clone()).or_insert(*value);
+            for (name, value) in &other.metrics {
+                metrics.entry(name.clone()).or_insert(*value);
             }
         }
-        figures
+        metrics
     }
 }
 
@@ -226,7 +226,7 @@ pub fn without_samples(point: Vec<(String, String)>) -> Vec<(String, String)> {
 }
 
 impl Outcome {
-    /// A metric by its name: a figure, or a number that the evaluation holds.
+    /// A metric by its name: one that a stage reported, or a number in the evaluation itself.
     ///
     /// # Errors
     /// What the system says of the store.
@@ -234,7 +234,7 @@ impl Outcome {
         if name == "samples" {
             return Ok(Some(self.samples as f64));
         }
-        if let Some(value) = self.figures.get(name) {
+        if let Some(value) = self.metrics.get(name) {
             return Ok(Some(*value));
         }
         let entry = self.key.map_or(Ok(None), |key| store.entry(key))?;

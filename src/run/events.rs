@@ -58,8 +58,9 @@ pub enum Event {
         /// A few words such as `loss 17.2`.
         note: String,
     },
-    /// A key figure of a node.
-    Figure {
+    /// A metric of a node.
+    #[serde(rename = "figure")]
+    Metric {
         /// Which.
         node: String,
         /// Its round.
@@ -103,8 +104,9 @@ pub enum Event {
         /// Its recording, below the folder of the run.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         recording: Option<String>,
-        /// Its key figures.
-        figures: BTreeMap<String, f64>,
+        /// Its metrics.
+        #[serde(rename = "figures")]
+        metrics: BTreeMap<String, f64>,
         /// What went wrong, with every cause.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         error: Option<String>,

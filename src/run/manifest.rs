@@ -109,8 +109,9 @@ pub struct NodeRecord {
     pub output: Option<Digest>,
     /// The digest of the messages it recorded.
     pub recording: Option<Digest>,
-    /// Its key figures.
-    pub figures: BTreeMap<String, f64>,
+    /// Its metrics.
+    #[serde(rename = "figures")]
+    pub metrics: BTreeMap<String, f64>,
     /// How long it took to make, in this run or an earlier one.
     pub secs: f64,
     /// How much of that the recorder took.
@@ -138,7 +139,7 @@ impl NodeRecord {
             key: None,
             output: None,
             recording: None,
-            figures: BTreeMap::new(),
+            metrics: BTreeMap::new(),
             secs: 0.0,
             recorder_secs: 0.0,
         }

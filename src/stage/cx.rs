@@ -14,8 +14,8 @@ use crate::{
 pub trait Host: Sync {
     /// `done` of `total` steps; `note` is a few words such as `loss 17.2`.
     fn progress(&self, done: u64, total: u64, note: &str);
-    /// A key figure of the node, shown in the closing table and kept with its result.
-    fn figure(&self, name: &str, value: f64);
+    /// A metric of the node, shown in the closing table and kept with its result.
+    fn metric(&self, name: &str, value: f64);
     /// A sentence for the user.
     fn say(&self, text: &str);
     /// True once the user asked to stop.
@@ -91,9 +91,9 @@ impl<'a> StageCx<'a> {
         if self.host.stop_asked() { Err(Interrupted) } else { Ok(()) }
     }
 
-    /// Reports a key figure, such as `percent_goal`.
-    pub fn figure(&mut self, name: &str, value: f64) {
-        self.host.figure(name, value);
+    /// Reports a metric, such as `percent_goal`.
+    pub fn metric(&mut self, name: &str, value: f64) {
+        self.host.metric(name, value);
     }
 
     /// Tells the user something, such as a detector that fired.

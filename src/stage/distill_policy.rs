@@ -125,7 +125,7 @@ impl Stage for DistillPolicy {
             }
         }
         student.acting.clone_from(&student.actor.arena);
-        cx.figure("kl", kl);
+        cx.metric("kl", kl);
         Ok(student)
     }
 }

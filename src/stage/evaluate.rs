@@ -169,8 +169,8 @@ impl Stage for Evaluate {
         curves.extend(env.paper_online().map(|percent| ("paper", percent)));
         curves.extend(ceiling.map(|percent| ("ceiling", percent)));
         cx.record.scalars(topic::PERCENT_GOAL, at, &curves);
-        cx.figure("percent_goal", percent_goal);
-        cx.figure("policy_alone", policy_alone);
+        cx.metric("percent_goal", percent_goal);
+        cx.metric("policy_alone", policy_alone);
         Ok(Evaluation {
             controller: params.controller,
             start: params.start,

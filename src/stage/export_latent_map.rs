@@ -26,7 +26,7 @@ impl Stage for ExportLatentMap {
     fn run(_: &NoParams, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<LatentMap> {
         let map = cx.map_probe().map(&inputs.model.model);
         probe::write(&map, cx.record, At::new(cx.round, 0, 0));
-        cx.figure("map_quality", map.quality);
+        cx.metric("map_quality", map.quality);
         Ok(map)
     }
 }

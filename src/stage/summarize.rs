@@ -7,7 +7,7 @@ use anyhow::{Context as _, ensure};
 
 use super::{NoParams, Stage, StageCx, inputs};
 use crate::{
-    artifact::{Evaluation, FigureSummary, ResultSummary},
+    artifact::{Evaluation, MetricSummary, ResultSummary},
     env::Protocol,
     num::stats::Summary,
 };
@@ -44,20 +44,20 @@ impl Stage for Summarize {
                 "evaluations under different protocols cannot be summed up; name those of one task and controller"
             );
         }
-        let figure = |of: fn(&Evaluation) -> f64| {
+        let metric = |of: fn(&Evaluation) -> f64| {
             let models: Vec<f64> = all.iter().map(of).collect();
             let summary = Summary::of(&models).context("there is no evaluation")?;
-            anyhow::Ok(FigureSummary { summary, models })
+            anyhow::Ok(MetricSummary { summary, models })
         };
-        let percent_goal = figure(|it| it.percent_goal)?;
-        let policy_alone = figure(|it| it.policy_alone)?;
+        let percent_goal = metric(|it| it.percent_goal)?;
+        let policy_alone = metric(|it| it.policy_alone)?;
         let ceiling = cx.task.ceiling(protocol(first));
         let mean = percent_goal.summary.mean;
-        cx.figure("percent_goal", mean);
+        cx.metric("percent_goal", mean);
         if let Some(error) = percent_goal.summary.standard_error {
-            cx.figure("standard_error", error);
+            cx.metric("standard_error", error);
         }
-        cx.figure("models", percent_goal.summary.n as f64);
+        cx.metric("models", percent_goal.summary.n as f64);
         Ok(ResultSummary {
             controller: first.controller,
             radius: first.radius,
@@ -66,7 +66,7 @@ impl Stage for Summarize {
             episodes: all.iter().map(|it| it.episodes.len()).collect(),
             percent_goal,
             policy_alone,
-            percent_goal_t: figure(|it| it.percent_goal_t)?,
+            percent_goal_t: metric(|it| it.percent_goal_t)?,
             ceiling,
             share_of_ceiling: ceiling.map(|ceiling| 100.0 * mean / ceiling),
         })

@@ -83,10 +83,10 @@ impl Stage for TrainLce {
         for sentence in found.fault(scale).into_iter().chain(goals) {
             warn(cx, lesson.now(cx.round), &sentence);
         }
-        cx.figure("restarts", restarts as f64);
-        cx.figure("code_spread", found.spread);
-        cx.figure("action_alignment", found.alignment);
-        cx.figure("goal_rank", found.goal_rank());
+        cx.metric("restarts", restarts as f64);
+        cx.metric("code_spread", found.spread);
+        cx.metric("action_alignment", found.alignment);
+        cx.metric("goal_rank", found.goal_rank());
         Ok(trained)
     }
 }
@@ -149,8 +149,8 @@ fn record_guidance(cx: &mut StageCx<'_>, errors: &[f32], weights: &[f32]) {
         ("mean_td_error", mean),
     ];
     cx.record.scalars(topic::TRAIN_GUIDANCE, at, &curves);
-    cx.figure("effective_share", spread.effective_share);
-    cx.figure("largest_weight", spread.largest);
+    cx.metric("effective_share", spread.effective_share);
+    cx.metric("largest_weight", spread.largest);
     if spread.effective_share < FEW {
         let sentence = format!(
             "value-guided weights are worth {effective:.0} of {} transitions; a lower `guidance.temperature` spreads them",

@@ -1,4 +1,4 @@
-//! An entry says what a key made: the files, the recording and the key figures, with a check over itself.
+//! An entry says what a key made: the files, the recording and the metrics, with a check over itself.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -39,8 +39,9 @@ pub struct Entry {
     pub files: Vec<FileRef>,
     /// What the node recorded; none where recording failed.
     pub recording: Option<RecordingRef>,
-    /// Key figures by name.
-    pub figures: BTreeMap<String, f64>,
+    /// Metrics by name.
+    #[serde(rename = "figures")]
+    pub metrics: BTreeMap<String, f64>,
     /// How long it took.
     pub secs: f64,
     /// How much of that the recorder took.
@@ -85,8 +86,8 @@ pub struct Draft<'a> {
     pub files: &'a Files,
     /// The finished recording, to be taken over, and the digest of its messages.
     pub recording: Option<(&'a Path, Digest)>,
-    /// Key figures by name.
-    pub figures: BTreeMap<String, f64>,
+    /// Metrics by name.
+    pub metrics: BTreeMap<String, f64>,
     /// How long it took.
     pub secs: f64,
     /// How much of that the recorder took.
@@ -235,7 +236,7 @@ impl Store {
             output: Digest::of_files(files.iter().map(|file| (file.name.as_str(), file.object))),
             files,
             recording,
-            figures: draft.figures.clone(),
+            metrics: draft.metrics.clone(),
             secs: draft.secs,
             recorder_secs: draft.recorder_secs,
             lost_recording: false,

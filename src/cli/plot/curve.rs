@@ -22,7 +22,7 @@ const ALONE: &str = "#c8641c";
 const PAPER: &str = "#666";
 const CEILING: &str = "#2c7a4b";
 
-/// The values of a figure, by round and then in the order of points.
+/// The values of a metric, by round and then in the order of points.
 type ByRound = BTreeMap<u32, Vec<f64>>;
 
 /// Where rounds and per cents lie on the sheet.
@@ -99,10 +99,10 @@ fn alone_style() -> String {
     format!("stroke=\"{ALONE}\" stroke-width=\"1.8\" stroke-dasharray=\"6 4\" stroke-linejoin=\"round\"")
 }
 
-fn by_round(nodes: &[&NodeRecord], figure: &str) -> ByRound {
+fn by_round(nodes: &[&NodeRecord], metric: &str) -> ByRound {
     let mut all = ByRound::new();
     for node in nodes {
-        if let (Some(round), Some(value)) = (node.round, node.figures.get(figure)) {
+        if let (Some(round), Some(value)) = (node.round, node.metrics.get(metric)) {
             all.entry(round).or_default().push(*value);
         }
     }

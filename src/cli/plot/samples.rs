@@ -43,7 +43,7 @@ pub(super) struct Curve {
 pub(super) fn curves(outcomes: &[Outcome]) -> BTreeMap<String, Vec<Curve>> {
     let mut tasks: BTreeMap<String, Vec<Curve>> = BTreeMap::new();
     for outcome in outcomes {
-        let Some(value) = outcome.figures.get("percent_goal") else { continue };
+        let Some(value) = outcome.metrics.get("percent_goal") else { continue };
         let point = without_samples(outcome.point.clone());
         let identity =
             serde_json::json!([outcome.family, outcome.member.pipeline, outcome.member.labels, outcome.stage, point]);

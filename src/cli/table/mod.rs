@@ -1,4 +1,4 @@
-//! `carl-pipe table`: what runs reached, in rows and columns, beside the paper's figures.
+//! `carl-pipe table`: what runs reached, in rows and columns, beside the paper's numbers.
 
 pub(crate) mod grid;
 pub(crate) mod render;
@@ -24,7 +24,7 @@ use render::About;
     after_help = "A cell is the mean over models, one for each seed, of their last round, with its standard error \
 and the number of models. Several runs are pooled; the same seed of the same recipe counts once. `--long`, csv and json \
 add the best and the worst five, a percentile bootstrap interval (95 %, models are resampled), the share of the best \
-possible controller, and where each figure is from.
+possible controller, and where each metric is from.
 
 Examples:
   carl-pipe table latest
@@ -42,7 +42,7 @@ pub(crate) struct Args {
     /// What columns are.
     #[arg(long, value_name = "FIELD", default_value = "algorithm")]
     cols: String,
-    /// Which figure: percent_goal, percent_goal_t, policy_alone, samples, map_quality or another one of the last round.
+    /// Which metric: percent_goal, percent_goal_t, policy_alone, samples, map_quality or another one of the last round.
     #[arg(long, value_name = "NAME", default_value = "percent_goal")]
     metric: String,
     /// Of all rounds, not of the last one.
@@ -75,13 +75,13 @@ pub(crate) fn table(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit
         return Err(Error::usage(format!("no evaluation of the last round is finished in {}", args.runs.join(", ")))
             .help("add a stage of kind `evaluate`, or let the run go on"));
     }
-    let figures: std::collections::BTreeSet<String> =
-        all.iter().flat_map(|outcome| outcome.figures.keys().cloned()).collect();
+    let metrics: std::collections::BTreeSet<String> =
+        all.iter().flat_map(|outcome| outcome.metrics.keys().cloned()).collect();
     let over_seeds = [&args.rows, &args.cols].iter().all(|field| *field != "seed");
     let series = series::pooled(all, &args.metric, over_seeds, &store)?;
     if series.is_empty() {
-        let error = Error::usage(format!("no result has the figure `{}`", args.metric));
-        let known: Vec<&str> = figures.iter().map(String::as_str).chain(["samples", "percent_goal_t"]).collect();
+        let error = Error::usage(format!("no result has the metric `{}`", args.metric));
+        let known: Vec<&str> = metrics.iter().map(String::as_str).chain(["samples", "percent_goal_t"]).collect();
         return Err(error.help(format!("there are {}", known.join(", "))));
     }
     let grid = Grid::new(series, &args.rows, &args.cols)?;

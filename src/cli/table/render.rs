@@ -25,7 +25,7 @@ pub(crate) struct About<'a> {
 }
 
 impl About<'_> {
-    /// Whether figures are shares of time at the goal, which have a ceiling and stand beside the paper's.
+    /// Whether metrics are shares of time at the goal, which have a ceiling and stand beside the paper's.
     fn is_goal(&self) -> bool {
         self.metric == "percent_goal"
     }
@@ -37,7 +37,7 @@ pub(crate) fn mean(summary: &Summary) -> String {
     format!("{}{error} ({})", number(summary.mean), summary.n)
 }
 
-/// A figure with one digit after the point, or as many as a small one needs.
+/// A metric with one digit after the point, or as many as a small one needs.
 pub(crate) fn number(value: f64) -> String {
     match value.abs() {
         size if size >= 1000.0 => format!("{value:.0}"),
@@ -46,7 +46,7 @@ pub(crate) fn number(value: f64) -> String {
     }
 }
 
-/// Rows and columns of means; the paper's figures stand below ours, where a pipeline is labelled with them.
+/// Rows and columns of means; the paper's numbers stand below ours, where a pipeline is labelled with them.
 pub(crate) fn short(grid: &Grid, about: About<'_>, format: Format, paint: Paint) -> String {
     let mut rows = vec![vec![about.rows.to_owned()]];
     rows[0].extend(grid.cols.iter().cloned());

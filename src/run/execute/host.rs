@@ -22,16 +22,16 @@ pub(super) struct NodeHost<'a> {
     events: &'a Events<'a>,
     stop: &'a AtomicBool,
     next_progress_ms: AtomicU64,
-    figures: Mutex<BTreeMap<String, f64>>,
+    metrics: Mutex<BTreeMap<String, f64>>,
 }
 
 impl<'a> NodeHost<'a> {
     pub(super) fn new(node: &'a str, round: Option<u32>, events: &'a Events<'a>, stop: &'a AtomicBool) -> Self {
-        Self { node, round, events, stop, next_progress_ms: AtomicU64::new(0), figures: Mutex::default() }
+        Self { node, round, events, stop, next_progress_ms: AtomicU64::new(0), metrics: Mutex::default() }
     }
 
-    pub(super) fn into_figures(self) -> BTreeMap<String, f64> {
-        self.figures.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner)
+    pub(super) fn into_metrics(self) -> BTreeMap<String, f64> {
+        self.metrics.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 }
 
@@ -46,16 +46,16 @@ impl Host for NodeHost<'_> {
         self.events.tell(&Event::Progress { node: self.node.to_owned(), done, total, note: note.to_owned() });
     }
 
-    fn figure(&self, name: &str, value: f64) {
+    fn metric(&self, name: &str, value: f64) {
         if !value.is_finite() {
-            self.events.warn(Some(self.node), format!("figure `{name}` is {value} and is left out"));
+            self.events.warn(Some(self.node), format!("metric `{name}` is {value} and is left out"));
             return;
         }
-        let mut figures = self.figures.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        figures.insert(name.to_owned(), value);
-        drop(figures);
+        let mut metrics = self.metrics.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        metrics.insert(name.to_owned(), value);
+        drop(metrics);
         let (node, round) = (self.node.to_owned(), self.round);
-        self.events.tell(&Event::Figure { node, round, name: name.to_owned(), value });
+        self.events.tell(&Event::Metric { node, round, name: name.to_owned(), value });
     }
 
     fn say(&self, text: &str) {

@@ -97,8 +97,8 @@ pub struct NodeReport {
     pub digest: Option<Digest>,
     /// The digest of the messages it recorded.
     pub recording: Option<Digest>,
-    /// Its key figures.
-    pub figures: BTreeMap<String, f64>,
+    /// Its metrics.
+    pub metrics: BTreeMap<String, f64>,
     /// What went wrong.
     pub failure: Option<Failure>,
 }

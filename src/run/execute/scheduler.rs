@@ -354,7 +354,7 @@ impl<'a> Scheduler<'a> {
             state,
             secs,
             digest: output.as_ref().map(|(entry, _)| entry.output),
-            figures: output.as_ref().map_or_else(BTreeMap::new, |(entry, _)| entry.figures.clone()),
+            metrics: output.as_ref().map_or_else(BTreeMap::new, |(entry, _)| entry.metrics.clone()),
             recording: output.and_then(|(_, recording)| recording),
             error,
         });
@@ -369,7 +369,7 @@ impl<'a> Scheduler<'a> {
         if let Some(entry) = entry {
             record.output = Some(entry.output);
             record.recording = entry.recording.as_ref().map(|recording| recording.messages);
-            record.figures.clone_from(&entry.figures);
+            record.metrics.clone_from(&entry.metrics);
             (record.secs, record.recorder_secs) = (entry.secs, entry.recorder_secs);
             if state == NodeState::Ran {
                 self.manifest.recorder_secs += entry.recorder_secs;
@@ -399,7 +399,7 @@ impl<'a> Scheduler<'a> {
                 secs: self.ends.get(&id).map_or(0.0, |end| end.0),
                 digest: record.output,
                 recording: record.recording,
-                figures: record.figures.clone(),
+                metrics: record.metrics.clone(),
                 failure: if let Status::Failed(failure) = &self.status[id] { Some(failure.clone()) } else { None },
             }
         });
@@ -436,11 +436,11 @@ impl<'a> Scheduler<'a> {
         let all = self.order.graph.nodes.iter().zip(&self.status);
         let finals: Vec<_> = all.filter(|(node, _)| node.is_last && node.kind.output == "evaluation").collect();
         let nodes: Vec<&Node> = finals.iter().map(|(node, _)| *node).collect();
-        let figures = finals.iter().filter_map(|(_, status)| match status {
-            Status::Done(entry) => entry.figures.get("percent_goal").copied(),
+        let metrics = finals.iter().filter_map(|(_, status)| match status {
+            Status::Done(entry) => entry.metrics.get("percent_goal").copied(),
             _ => None,
         });
-        let figures: Vec<f64> = figures.collect();
-        (differ_by_seed_alone(&nodes) && !figures.is_empty()).then(|| stats::mean(&figures))
+        let metrics: Vec<f64> = metrics.collect();
+        (differ_by_seed_alone(&nodes) && !metrics.is_empty()).then(|| stats::mean(&metrics))
     }
 }

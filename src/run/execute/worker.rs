@@ -117,7 +117,7 @@ fn publish(
         run: shop.run,
         files,
         recording: recorded.file.as_ref().map(|(path, messages)| (path.as_path(), *messages)),
-        figures: host.into_figures(),
+        metrics: host.into_metrics(),
         secs: start.elapsed().as_secs_f64(),
         recorder_secs: recorded.secs,
     })

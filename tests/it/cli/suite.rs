@@ -149,13 +149,13 @@ fn a_table_says_what_there_is() {
     assert!(unknown.err.contains("nothing in these runs is called `algoritm`"), "{unknown:?}");
     assert!(unknown.err.contains("did you mean `algorithm`?"), "{unknown:?}");
     let unknown = toy.run("table --metric percent");
-    assert!(unknown.err.contains("no result has the figure `percent`"), "{unknown:?}");
+    assert!(unknown.err.contains("no result has the metric `percent`"), "{unknown:?}");
     toy.run("run toy.toml data");
     assert!(toy.run("table").err.contains("no evaluation of the last round is finished"));
 }
 
 #[test]
-fn a_comparison_names_parameters_figures_and_outputs() {
+fn a_comparison_names_parameters_metrics_and_outputs() {
     let toy = toys();
     toy.run("run toy.toml --sweep seed=0..3");
     let first = fs::read_link(toy.path("artifacts/runs/latest")).unwrap().display().to_string();

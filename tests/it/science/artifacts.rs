@@ -4,7 +4,7 @@ use crate::support::stages;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use carl_pipe::{
-    artifact::{Artifact, Evaluation, FigureSummary, Files, LatentMap, ResultSummary, TrainedModel, Transitions},
+    artifact::{Artifact, Evaluation, Files, LatentMap, MetricSummary, ResultSummary, TrainedModel, Transitions},
     control::{Agent, Ilqr, agent::Whitening},
     env::{Environment as _, Planar},
     lce::{Drift, LceModel, Sizes},
@@ -93,7 +93,7 @@ fn map() -> LatentMap {
 
 fn summary() -> ResultSummary {
     let models = vec![76.8, 77.3];
-    let figure = || FigureSummary { summary: Summary::of(&models).expect("models"), models: models.clone() };
+    let metric = || MetricSummary { summary: Summary::of(&models).expect("models"), models: models.clone() };
     let Evaluation { controller, radius, start, horizon, .. } = evaluation();
     ResultSummary {
         controller,
@@ -101,9 +101,9 @@ fn summary() -> ResultSummary {
         start,
         horizon,
         episodes: vec![10, 10],
-        percent_goal: figure(),
-        policy_alone: figure(),
-        percent_goal_t: figure(),
+        percent_goal: metric(),
+        policy_alone: metric(),
+        percent_goal_t: metric(),
         ceiling: Some(78.87),
         share_of_ceiling: Some(97.7),
     }

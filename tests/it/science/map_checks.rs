@@ -9,10 +9,10 @@ use carl_pipe::{
 };
 use serde_json::{Value, json};
 
-/// A host that remembers figures, sentences and how many epochs there were.
+/// A host that remembers metrics, sentences and how many epochs there were.
 #[derive(Default)]
 struct Ear {
-    figures: Mutex<BTreeMap<String, f64>>,
+    metrics: Mutex<BTreeMap<String, f64>>,
     said: Mutex<Vec<String>>,
     epochs: Mutex<u64>,
 }
@@ -22,8 +22,8 @@ impl Host for Ear {
         assert!(done <= total, "{done} of {total}");
         *self.epochs.lock().unwrap() = done;
     }
-    fn figure(&self, name: &str, value: f64) {
-        self.figures.lock().unwrap().insert(name.to_owned(), value);
+    fn metric(&self, name: &str, value: f64) {
+        self.metrics.lock().unwrap().insert(name.to_owned(), value);
     }
     fn say(&self, text: &str) {
         self.said.lock().unwrap().push(text.to_owned());
@@ -34,8 +34,8 @@ impl Host for Ear {
 }
 
 impl Ear {
-    fn figure_of(&self, name: &str) -> f64 {
-        self.figures.lock().unwrap()[name]
+    fn metric_of(&self, name: &str) -> f64 {
+        self.metrics.lock().unwrap()[name]
     }
 
     fn epochs(&self) -> u64 {
@@ -69,12 +69,12 @@ fn the_soundest_of_the_maps_stays() {
     let runs: Vec<_> =
         (0..3).map(|restarts| train(hardly_trained(restarts), &[("transitions", &[&data])], 2)).collect();
     for (restarts, (_, ear)) in runs.iter().enumerate() {
-        assert_eq!((ear.figure_of("restarts"), ear.epochs()), (restarts as f64, 2 + 2 * restarts as u64));
+        assert_eq!((ear.metric_of("restarts"), ear.epochs()), (restarts as f64, 2 + 2 * restarts as u64));
         assert_eq!(ear.heard("begins again"), restarts > 0);
     }
     for pair in runs.windows(2) {
         let [(before, spread_before), (after, spread_after)] =
-            [&pair[0], &pair[1]].map(|(files, ear)| (files, ear.figure_of("code_spread")));
+            [&pair[0], &pair[1]].map(|(files, ear)| (files, ear.metric_of("code_spread")));
         assert!(spread_before <= spread_after && spread_after < 1.0, "{spread_before} {spread_after}");
         assert_eq!(before == after, spread_before == spread_after);
     }
@@ -93,12 +93,12 @@ fn a_collapsed_map_of_the_round_before_is_given_up() {
     };
     let (_, warm) = train(given(0), inputs, 2);
     let (files, ear) = train(given(1), inputs, 2);
-    assert_eq!((ear.figure_of("restarts"), ear.epochs()), (1.0, 1 + 120 + 1));
-    let spread = [&warm, &ear].map(|ear| ear.figure_of("code_spread"));
+    assert_eq!((ear.metric_of("restarts"), ear.epochs()), (1.0, 1 + 120 + 1));
+    let spread = [&warm, &ear].map(|ear| ear.metric_of("code_spread"));
     assert!(spread[1] > 20.0 * spread[0], "{spread:?}");
     assert!(ear.heard("begins again") && !ear.heard("stays"));
     let doubted = |files: &Files| TrainedModel::load(files).unwrap().doubted_goals;
-    assert_eq!(doubted(&files).is_empty(), ear.figure_of("goal_rank") <= 0.995, "{:?}", doubted(&files));
+    assert_eq!(doubted(&files).is_empty(), ear.metric_of("goal_rank") <= 0.995, "{:?}", doubted(&files));
     assert!(doubted(&bad).is_empty(), "nobody has been near a goal in the first round");
     let (again, _) = train(given(1), inputs, 1);
     assert!(files == again, "another number of threads, other bits");

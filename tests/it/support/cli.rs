@@ -118,7 +118,7 @@ macro_rules! kind {
                 let from = $from;
                 let value = params.work(from, $cx)?;
                 if $kind == "toy_evaluate" {
-                    $cx.figure("percent_goal", value % 100.0);
+                    $cx.metric("percent_goal", value % 100.0);
                 }
                 Ok($output(value))
             }

@@ -76,7 +76,7 @@ fn add(params: &Value, inputs: &InputFiles<'_>, cx: &mut StageCx<'_>) -> anyhow:
         "all_cores" => ensure!(cx.threads.get() >= 2, "got {} threads", cx.threads.get()),
         _ => {}
     }
-    cx.figure("percent_goal", sum as f64);
+    cx.metric("percent_goal", sum as f64);
     let mut files = Files::from([("number.txt".to_owned(), sum.to_string().into_bytes())]);
     if let Some(bytes) = params["ballast"].as_u64() {
         files.insert("ballast.bin".to_owned(), vec![7; bytes as usize]);

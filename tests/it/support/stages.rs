@@ -18,7 +18,7 @@ pub struct Quiet;
 
 impl Host for Quiet {
     fn progress(&self, _: u64, _: u64, _: &str) {}
-    fn figure(&self, _: &str, _: f64) {}
+    fn metric(&self, _: &str, _: f64) {}
     fn say(&self, _: &str) {}
     fn stop_asked(&self) -> bool {
         false
