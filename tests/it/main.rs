@@ -6,3 +6,9 @@ mod record;
 mod run;
 mod science;
 mod support;
+
+/// The commands of `support::cli` start this test binary again with this test alone, which then becomes the program.
+#[test]
+fn the_program() {
+    support::cli::be_the_program();
+}

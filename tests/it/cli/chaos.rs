@@ -16,11 +16,6 @@ use crate::support::cli::{Ended, Toy, digests, times_run};
 use rand::{RngExt as _, SeedableRng as _};
 use serde_json::json;
 
-#[test]
-fn the_program() {
-    cli::be_the_program();
-}
-
 fn kills() -> usize {
     std::env::var("CHAOS_KILLS").ok().and_then(|text| text.parse().ok()).unwrap_or(10)
 }

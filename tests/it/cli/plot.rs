@@ -5,11 +5,6 @@ use std::{fs, path::Path, process::Command};
 
 use crate::support::cli::Toy;
 
-#[test]
-fn the_program() {
-    cli::be_the_program();
-}
-
 /// The real program, with a store in `folder`.
 fn carl_pipe(folder: &Path, words: &str) -> (Option<i32>, String, String) {
     let ended = Command::new(env!("CARGO_BIN_EXE_carl-pipe"))

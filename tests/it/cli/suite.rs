@@ -6,11 +6,6 @@ use std::fs;
 use crate::support::cli::{Ended, Toy, assert_snapshot};
 use serde_json::{Value, json};
 
-#[test]
-fn the_program() {
-    cli::be_the_program();
-}
-
 const SUITE: &str = r#"schema = 1
 name = "two"
 description = "A pipeline, and the same with one more"

@@ -11,11 +11,6 @@ use crate::support::cli::{Ended, Toy, assert_snapshot};
 use serde_json::{Value, json};
 
 #[test]
-fn the_program() {
-    cli::be_the_program();
-}
-
-#[test]
 fn a_run_ends_with_one_json_object_and_the_second_run_is_cached() {
     let toy = Toy::new();
     let first = toy.run("run toy.toml --json");

@@ -137,7 +137,7 @@ fn kinds() -> &'static [Kind] {
     &*KINDS
 }
 
-/// Becomes the program when started by [`Toy::command`]; each test file has a test of this name that calls it.
+/// Becomes the program when started by [`Toy::command`]. The test `the_program` of the test binary calls it.
 pub fn be_the_program() {
     if let Ok(argv) = std::env::var("CARL_TOY_ARGV") {
         let argv: Vec<OsString> =
