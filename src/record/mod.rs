@@ -3,8 +3,6 @@
 //! A stage sees only the [`Recorder`]. The MCAP file it leaves is the record; every picture of it, live or next month,
 //! comes from reading that file, so both look the same. Nothing here can fail or change a run.
 
-#[cfg(feature = "rerun")]
-mod blueprint;
 mod canonical;
 mod events;
 mod follow;
@@ -13,8 +11,6 @@ mod live;
 mod playback;
 mod reader;
 mod recorder;
-#[cfg(feature = "rerun")]
-mod rerun_view;
 mod schema;
 mod screen;
 mod sink;

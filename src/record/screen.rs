@@ -47,17 +47,7 @@ pub trait Watcher {
     fn say(&self, text: &str);
 }
 
-/// Opens the Rerun view.
-#[cfg(feature = "rerun")]
-pub(super) fn open(sink: &Sink, watcher: &dyn Watcher) -> anyhow::Result<Box<dyn Screen>> {
-    Ok(Box::new(super::rerun_view::RerunView::open(sink, watcher)?))
-}
-
-/// There is no Rerun in this build.
-#[cfg(not(feature = "rerun"))]
+/// This package draws nothing itself: `carl-view` does.
 pub(super) fn open(_: &Sink, _: &dyn Watcher) -> anyhow::Result<Box<dyn Screen>> {
-    anyhow::bail!(
-        "this carl-pipe was built without the Rerun view; recordings open in any MCAP viewer, or build it with \
-         `cargo install --path . --features rerun`"
-    )
+    anyhow::bail!("recordings open in any MCAP viewer; the Rerun view is built by `cargo build --release -p carl-view`")
 }

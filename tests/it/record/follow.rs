@@ -211,11 +211,3 @@ fn a_path_with_nothing_there_is_an_error() {
     let error = open(&["no/such/run".into()], &Sink::Spawn, &director).unwrap_err();
     assert_eq!(error.to_string(), "there is no run or recording at no/such/run");
 }
-
-#[cfg(not(feature = "rerun"))]
-#[test]
-fn without_the_feature_the_error_says_how_to_get_it() {
-    let folder = tempfile::tempdir().unwrap();
-    let error = carl_pipe::record::follow(folder.path(), &Sink::Spawn, &Director::new(Vec::new())).unwrap_err();
-    assert!(error.to_string().contains("--features rerun"));
-}
