@@ -4,7 +4,6 @@
 
 #![allow(clippy::disallowed_methods, reason = "tests wait and measure")]
 
-use crate::support::cli;
 use std::{
     path::PathBuf,
     process::{Child, Command, Stdio},

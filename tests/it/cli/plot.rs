@@ -1,6 +1,5 @@
 //! `carl-pipe plot` draws a real run of the smoke pipeline, and says what a run lacks.
 
-use crate::support::cli;
 use std::{fs, path::Path, process::Command};
 
 use crate::support::cli::Toy;

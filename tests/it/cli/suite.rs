@@ -1,6 +1,5 @@
 //! Suites from the command line, and the verbs that read results: `table`, `plot` by samples, `compare`.
 
-use crate::support::cli;
 use std::fs;
 
 use crate::support::cli::{Ended, Toy, assert_snapshot};
