@@ -10,11 +10,11 @@ mod peak;
 use carl_pipe::{
     nn::{
         adam::{Adam, AdamSettings},
+        binary_images::{BinaryImages, OutputRows},
         conv::{Conv, Resize, Stack, StackPass},
         heads,
-        mat::{self, Into},
+        mat::{self, Accumulate},
         mlp::Layout,
-        pictures::{Pictures, Place},
     },
     num::rng::Rng,
 };
@@ -42,7 +42,7 @@ fn operations((n_in, n_out, samples): (usize, usize, usize)) -> ItemsCount {
 fn dense_forward(bencher: Bencher<'_, '_>, shape: (usize, usize, usize)) {
     let (n_in, n_out, samples) = shape;
     let (w, x, mut y) = (numbers(n_in * n_out), numbers(n_in * samples), numbers(n_out * samples));
-    let run = || mat::product(&mut y, Into::Replace, &w, &x, (n_out, n_in, samples));
+    let run = || mat::product(&mut y, Accumulate::Replace, &w, &x, (n_out, n_in, samples));
     bencher.counter(operations(shape)).bench_local(run);
 }
 
@@ -50,7 +50,7 @@ fn dense_forward(bencher: Bencher<'_, '_>, shape: (usize, usize, usize)) {
 fn dense_backward(bencher: Bencher<'_, '_>, shape: (usize, usize, usize)) {
     let (n_in, n_out, samples) = shape;
     let (w, mut dx, dy) = (numbers(n_in * n_out), numbers(n_in * samples), numbers(n_out * samples));
-    let run = || mat::product_transposed(&mut dx, Into::Replace, &w, &dy, (n_out, n_in, samples));
+    let run = || mat::product_transposed(&mut dx, Accumulate::Replace, &w, &dy, (n_out, n_in, samples));
     bencher.counter(operations(shape)).bench_local(run);
 }
 
@@ -58,7 +58,9 @@ fn dense_backward(bencher: Bencher<'_, '_>, shape: (usize, usize, usize)) {
 fn dense_gradient(bencher: Bencher<'_, '_>, shape: (usize, usize, usize)) {
     let (n_in, n_out, samples) = shape;
     let (mut dw, x, dy) = (numbers(n_in * n_out), numbers(n_in * samples), numbers(n_out * samples));
-    bencher.counter(operations(shape)).bench_local(|| mat::outer(&mut dw, Into::Replace, &dy, &x, n_out, n_in, 0));
+    bencher
+        .counter(operations(shape))
+        .bench_local(|| mat::outer(&mut dw, Accumulate::Replace, &dy, &x, n_out, n_in, 0));
 }
 
 /// The paper's convolutions: name, side of the input, channels, resizing.
@@ -92,8 +94,8 @@ fn convolution(bencher: Bencher<'_, '_>, name: &str, which: Pass) {
     let stack = Stack { convs: [Conv::new(&mut layout, "conv", [side; 2], channels, resize, true)] };
     let conv = &stack.convs[0];
     let arena: Vec<f32> = layout.initialize(&mut Rng::seed_from_u64(1));
-    let mut kernels = stack.kernels();
-    stack.prepare(&arena, &mut kernels);
+    let mut kernels = stack.packed_weights();
+    stack.pack(&arena, &mut kernels);
     let mut buffers = StackPass::new(&stack, PICTURES, 1);
     let mut pass = buffers.view(PICTURES);
     let x = numbers(PICTURES * side * side * channels[0]);
@@ -101,7 +103,7 @@ fn convolution(bencher: Bencher<'_, '_>, name: &str, which: Pass) {
     stack.forward(&kernels, &mut pass, fill);
     let delta = numbers(pass.layers.delta[0].len());
     pass.layers.delta[0].copy_from_slice(&delta);
-    let (mut shares, mut gradient) = (stack.shares(), vec![0.0; layout.len]);
+    let (mut shares, mut gradient) = (stack.shard_sums(), vec![0.0; layout.len]);
     let work = 2 * 25 * PICTURES * conv.pixels() * channels[0];
     bencher.counter(ItemsCount::new(work)).bench_local(|| match which {
         Pass::Forward => stack.forward(&kernels, &mut pass, fill),
@@ -130,8 +132,8 @@ fn convolution_gradient(bencher: Bencher<'_, '_>, name: &str) {
 /// Pictures of a bar on nothing: pixels, and outputs of their first layer.
 const FIRST: [(usize, usize); 3] = [(1600, 300), (4608, 500), (12800, 300)];
 
-fn bars(pixels: usize) -> Pictures {
-    let mut pictures = Pictures::new(&vec![0; pixels]);
+fn bars(pixels: usize) -> BinaryImages {
+    let mut pictures = BinaryImages::new(&vec![0; pixels]);
     for i in 0..256 {
         let bar = |pixel: usize| u8::from((pixel + 13 * i) % pixels < pixels / 25);
         pictures.extend(&(0..pixels).map(bar).collect::<Vec<u8>>());
@@ -147,7 +149,7 @@ fn pictures_forward(bencher: Bencher<'_, '_>, (pixels, n_out): (usize, usize)) {
     let arena: Vec<f32> = layout.initialize(&mut Rng::seed_from_u64(1));
     let (mut base, mut y) = (vec![0.0; n_out], vec![0.0; 256 * n_out]);
     pictures.base(&layer, &arena, &mut base);
-    let (which, place): (Vec<u32>, _) = ((0..256).collect(), Place { stride: n_out, offset: 0 });
+    let (which, place): (Vec<u32>, _) = ((0..256).collect(), OutputRows { stride: n_out, offset: 0 });
     bencher
         .counter(operations((pixels, n_out, 256)))
         .bench_local(|| pictures.affine(&layer, &arena, &base, &which, &mut y, place, true));
@@ -159,7 +161,7 @@ fn pictures_gradient(bencher: Bencher<'_, '_>, (pixels, n_out): (usize, usize)) 
     let mut layout = Layout::default();
     let layer = layout.linear("first", pixels, n_out);
     let (mut gradient, dy) = (vec![0.0; layout.len], numbers(256 * n_out));
-    let (which, place): (Vec<u32>, _) = ((0..256).collect(), Place { stride: n_out, offset: 0 });
+    let (which, place): (Vec<u32>, _) = ((0..256).collect(), OutputRows { stride: n_out, offset: 0 });
     bencher
         .counter(operations((pixels, n_out, 256)))
         .bench_local(|| pictures.gradient(1, &layer, &mut gradient, &which, &dy, place));

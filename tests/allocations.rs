@@ -119,7 +119,7 @@ fn the_counter_counts() {
 fn large_products_allocate_once_for_each_thread_and_small_ones_never() {
     let of_shape = |(m, k, n): (usize, usize, usize)| {
         let (w, x, mut out) = (vec![0.5_f32; m * k], vec![0.5; k * n], vec![0.0; m * n]);
-        asked(|| mat::product(&mut out, mat::Into::Replace, &w, &x, (m, k, n)))
+        asked(|| mat::product(&mut out, mat::Accumulate::Replace, &w, &x, (m, k, n)))
     };
     let work = move || {
         let small = of_shape((20, 4, 16));

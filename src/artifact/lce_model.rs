@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     lce::{Drift, LceModel, Sizes, model::Nets},
-    nn::{adam::Adam, mlp::Layout, pictures::Squares},
+    nn::{adam::Adam, binary_images::PooledPatches, mlp::Layout},
 };
 
 /// A model and its optimiser.
@@ -122,7 +122,7 @@ impl Artifact for TrainedModel {
                 "convolutions of {frames} frames of {rows} x {columns} do not go with the other widths"
             );
         }
-        if let Some(Squares { columns, side }) = *squares {
+        if let Some(PooledPatches { columns, side }) = *squares {
             check_widths(&[columns])?;
             ensure!(
                 (1..=15).contains(&side)

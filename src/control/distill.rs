@@ -4,7 +4,7 @@ use super::agent::{Agent, clamp_log_sigma, log_sigma_is_free};
 use crate::{
     nn::{
         adam::{Adam, AdamSettings},
-        mat::Into,
+        mat::Accumulate,
         mlp::Pass,
     },
     num::Real as _,
@@ -45,7 +45,7 @@ pub fn step(
         }
     }
     net.backward(&student.actor.arena, &mut pass, None);
-    net.gradient(1, gradient, Into::Replace, inputs, &pass);
+    net.gradient(1, gradient, Accumulate::Replace, inputs, &pass);
     adam.step(1, AdamSettings { learning_rate, weight_decay: 0.0 }, &mut student.actor.arena, gradient);
     sum / samples as f64
 }

@@ -154,12 +154,12 @@ impl Guidance {
             sampling::fill_normal(rng, &mut s.epsilon);
             let goal = &seen.goals[i * n..][..n];
             heads::sample(&seen.now[i * 2 * n..][..2 * n], &s.epsilon[..n], &mut s.z);
-            heads::sample(&seen.next[i * 2 * n..][..2 * n], &s.epsilon[n..2 * n], z_next.of(i));
+            heads::sample(&seen.next[i * 2 * n..][..2 * n], &s.epsilon[n..2 * n], z_next.sample(i));
             let action = &seen.actions[i * a..][..a];
-            errors[i] += share * self.reward.of(action, z_next.of(i), goal);
-            agent.input(&s.z, goal, &mut critic.of(i)[..2 * n]);
-            critic.of(i)[2 * n..].copy_from_slice(action);
-            agent.input(z_next.of(i), goal, state.of(i));
+            errors[i] += share * self.reward.of(action, z_next.sample(i), goal);
+            agent.input(&s.z, goal, &mut critic.sample(i)[..2 * n]);
+            critic.sample(i)[2 * n..].copy_from_slice(action);
+            agent.input(z_next.sample(i), goal, state.sample(i));
         }
         smaller_critic(agent, critic.data, &mut s.critic, &mut s.now[..count]);
         agent.nets.actor.1.forward(&agent.acting, state.data, &mut actor);
@@ -167,8 +167,8 @@ impl Guidance {
             sampling::fill_normal(rng, &mut s.epsilon[..a]);
             let gaussian = &mut actor.out[2][i * 2 * a..][..2 * a];
             clamp_log_sigma(&mut gaussian[a..]);
-            let input = critic.of(i);
-            input[..2 * n].copy_from_slice(state.of(i));
+            let input = critic.sample(i);
+            input[..2 * n].copy_from_slice(state.sample(i));
             s.log_pi[i] = squash(gaussian, &s.epsilon[..a], &mut input[2 * n..]);
         }
         smaller_critic(agent, critic.data, &mut s.critic, &mut s.next[..count]);

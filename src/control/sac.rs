@@ -8,7 +8,7 @@ use targets::{RollOut, Rollout};
 use super::agent::{Agent, clamp_log_sigma, log_sigma_is_free, squash};
 use crate::{
     lce::LceModel,
-    nn::{adam::AdamSettings, columns::Block, heads, mat::Into, mlp::Pass},
+    nn::{adam::AdamSettings, columns::Block, heads, mat::Accumulate, mlp::Pass},
     num::{Real, join, rng::Rng, sampling, simd::vectorize},
 };
 
@@ -326,7 +326,7 @@ impl<'a> SacTrainer<'a> {
                 pass.delta[2][i] = error / BATCH as f32;
             }
             net.backward(&trained.arena, &mut pass, None);
-            net.gradient(1, gradient, Into::Replace, inputs, &pass);
+            net.gradient(1, gradient, Accumulate::Replace, inputs, &pass);
             trained.adam.step(1, settings, &mut trained.arena, gradient);
             loss / BATCH as f64
         };
@@ -398,7 +398,7 @@ impl<'a> SacTrainer<'a> {
             }
         }
         actor_net.backward(&self.agent.actor.arena, &mut actor, None);
-        actor_net.gradient(1, &mut s.actor_gradient, Into::Replace, &s.state_inputs.data, &actor);
+        actor_net.gradient(1, &mut s.actor_gradient, Accumulate::Replace, &s.state_inputs.data, &actor);
         let settings = AdamSettings { learning_rate: self.settings.actor_learning_rate * pace, weight_decay: 0.0 };
         self.agent.actor.adam.step(1, settings, &mut self.agent.actor.arena, &s.actor_gradient);
         let entropy = -s.log_pi.iter().map(|&l| f64::from(l)).sum::<f64>() / BATCH as f64;

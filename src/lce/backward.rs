@@ -3,10 +3,10 @@
 use super::model::Sizes;
 use crate::{
     nn::{
+        binary_images::{BinaryImages, OutputRows},
         columns::{Block, BlockMut, cut_together},
-        mat::Into,
+        mat::Accumulate,
         mlp::{Layout, Linear, mask},
-        pictures::{Pictures, Place},
     },
     num::Real,
 };
@@ -74,12 +74,12 @@ impl<T: Real> BackwardPass<T> {
 impl<T: Real> BackwardMut<'_, T> {
     /// The Gaussian over z for one sample.
     pub(super) fn gaussian(&mut self, sample: usize) -> &mut [T] {
-        self.head.of(sample)
+        self.head.sample(sample)
     }
 
     /// The same beside the gradient with respect to it, to fill in.
     pub(super) fn gaussian_and_gradient(&mut self, sample: usize) -> (&[T], &mut [T]) {
-        (self.head.of(sample), self.d_head.of(sample))
+        (self.head.sample(sample), self.d_head.sample(sample))
     }
 }
 
@@ -95,12 +95,12 @@ impl Backward {
         }
     }
 
-    fn place_x(&self) -> Place {
-        Place { stride: self.joint.n_in, offset: self.z.n_out + self.u.n_out }
+    fn place_x(&self) -> OutputRows {
+        OutputRows { stride: self.joint.n_in, offset: self.z.n_out + self.u.n_out }
     }
 
     /// W x_reference + b of the picture layer, once a step.
-    pub(super) fn base<T: Real>(&self, arena: &[T], pictures: &Pictures, base: &mut [T]) {
+    pub(super) fn base<T: Real>(&self, arena: &[T], pictures: &BinaryImages, base: &mut [T]) {
         pictures.base(&self.x, arena, base);
     }
 
@@ -109,7 +109,7 @@ impl Backward {
         &self,
         arena: &[T],
         (z, u): (&[T], &[T]),
-        (pictures, base, x): (&Pictures, &[T], &[u32]),
+        (pictures, base, x): (&BinaryImages, &[T], &[u32]),
         pass: &mut BackwardMut<'_, T>,
     ) {
         let stride = self.joint.n_in;
@@ -146,16 +146,16 @@ impl Backward {
         threads: usize,
         gradient: &mut [T],
         (z, u): (&[T], &[T]),
-        (pictures, x): (&Pictures, &[u32]),
+        (pictures, x): (&BinaryImages, &[u32]),
         pass: &BackwardMut<'_, T>,
     ) {
-        self.head.gradient(threads, gradient, Into::Replace, pass.joint.data, pass.d_head.data);
-        self.joint.gradient(threads, gradient, Into::Replace, pass.parts.data, pass.d_joint.data);
+        self.head.gradient(threads, gradient, Accumulate::Replace, pass.joint.data, pass.d_head.data);
+        self.joint.gradient(threads, gradient, Accumulate::Replace, pass.parts.data, pass.d_joint.data);
         pictures.gradient(threads, &self.x, gradient, x, pass.d_parts.data, self.place_x());
         for (layer, input, offset) in [(self.z, z, 0), (self.u, u, self.z.n_out)] {
             let (dw, db) = layer.w_b_mut(gradient);
-            dw.fill(T::nil());
-            db.fill(T::nil());
+            dw.fill(T::ZERO);
+            db.fill(T::ZERO);
             for (d, x) in pass.d_parts.data.chunks_exact(self.joint.n_in).zip(input.chunks_exact(layer.n_in)) {
                 let d = &d[offset..offset + layer.n_out];
                 for (dw, &x) in dw.chunks_exact_mut(layer.n_out).zip(x) {

@@ -6,7 +6,7 @@ use super::model::Nets;
 use crate::{
     nn::{
         columns::{Block, BlockMut, cut_together},
-        mat::{self, Into},
+        mat::{self, Accumulate},
         mlp::{Linear, Mlp, Pass, PassMut, mask},
     },
     num::Real,
@@ -65,7 +65,12 @@ impl<T: Real> Curvature<T> {
 impl<T: Real> CurvatureMut<'_, T> {
     /// Sets the point (z, u) of one sample and its neighbour at sigma (e_z, e_u). No gradient flows into either.
     pub(super) fn set(&mut self, sample: usize, point: [&[T]; 2], noise: [&[T]; 2], sigma: T) {
-        let at = self.at_input.of(sample).iter_mut().zip(self.near_input.of(sample)).zip(self.direction.of(sample));
+        let at = self
+            .at_input
+            .sample(sample)
+            .iter_mut()
+            .zip(self.near_input.sample(sample))
+            .zip(self.direction.sample(sample));
         let points = point.into_iter().flatten().zip(noise.into_iter().flatten());
         for (((at, near), direction), (&point, &noise)) in at.zip(points) {
             let way = sigma * noise;
@@ -92,10 +97,10 @@ impl<T: Real> CurvatureMut<'_, T> {
         let deltas = self.at.delta[2].chunks_exact_mut(width).zip(self.near.delta[2].chunks_exact_mut(width));
         let deltas = deltas.zip(self.tangent.delta[2].chunks_exact_mut(width));
         for (sample, (((at, near), tangent), ((d_at, d_near), d_tangent))) in columns.zip(deltas).enumerate() {
-            let mut sum = T::nil();
+            let mut sum = T::ZERO;
             for i in 0..width {
                 // The upper half are means, the lower log standard deviations, which have no part in this.
-                let rest = if i < width / 2 { near[i] - at[i] - tangent[i] } else { T::nil() };
+                let rest = if i < width / 2 { near[i] - at[i] - tangent[i] } else { T::ZERO };
                 let slope = weight * (rest + rest);
                 (d_at[i], d_near[i], d_tangent[i]) = (-slope, slope, -slope);
                 sum += rest * rest;
@@ -116,14 +121,14 @@ impl<T: Real> CurvatureMut<'_, T> {
     ) {
         head.forward(arena, self.at.out[1], self.slopes.data, false);
         let (width, n) = (f.layers[2].n_out, f.layers[2].n_out / 2);
-        self.at.delta[2].fill(T::nil());
-        self.near.delta[2].fill(T::nil());
+        self.at.delta[2].fill(T::ZERO);
+        self.near.delta[2].fill(T::ZERO);
         for sample in 0..self.at.out[2].len() / width {
             let (at, near) = (&self.at.out[2][sample * width..], &self.near.out[2][sample * width..]);
-            let (e_z, e_u) = self.direction.of(sample).split_at(n);
-            let (a, b) = self.slopes.of(sample).split_at(n * n);
-            let (d_a, d_b) = self.d_slopes.of(sample).split_at_mut(n * n);
-            let mut sum = T::nil();
+            let (e_z, e_u) = self.direction.sample(sample).split_at(n);
+            let (a, b) = self.slopes.sample(sample).split_at(n * n);
+            let (d_a, d_b) = self.d_slopes.sample(sample).split_at_mut(n * n);
+            let mut sum = T::ZERO;
             for i in 0..n {
                 let rows = [(e_z, a, &mut *d_a), (e_u, b, &mut *d_b)];
                 let rows = rows.map(|(way, s, d_s)| (way, &s[i * way.len()..], &mut d_s[i * way.len()..]));
@@ -151,7 +156,7 @@ impl<T: Real> CurvatureMut<'_, T> {
         let [d_0, d_1, d_2] = self.at.delta.each_mut();
         f.layers[2].backward(arena, d_2, d_1);
         let shape = (head.n_out, head.n_in, d_1.len() / head.n_in);
-        mat::product_transposed(d_1, Into::Add, head.w(arena), self.d_slopes.data, shape);
+        mat::product_transposed(d_1, Accumulate::Add, head.w(arena), self.d_slopes.data, shape);
         mask(d_1, self.at.out[1]);
         f.layers[1].backward(arena, d_1, d_0);
         mask(d_0, self.at.out[0]);
@@ -160,11 +165,11 @@ impl<T: Real> CurvatureMut<'_, T> {
     /// Adds the gradients of the weights over all samples; that of the head is set.
     pub(super) fn add_gradient(&self, nets: &Nets, gradient: &mut [T]) {
         let f = &nets.dynamics;
-        f.gradient(1, gradient, Into::Add, self.at_input.data, &self.at);
-        f.gradient(1, gradient, Into::Add, self.near_input.data, &self.near);
+        f.gradient(1, gradient, Accumulate::Add, self.at_input.data, &self.at);
+        f.gradient(1, gradient, Accumulate::Add, self.near_input.data, &self.near);
         match &nets.slopes {
             None => f.add_tangent_gradient(gradient, self.direction.data, &self.tangent),
-            Some(head) => head.gradient(1, gradient, Into::Replace, self.at.out[1], self.d_slopes.data),
+            Some(head) => head.gradient(1, gradient, Accumulate::Replace, self.at.out[1], self.d_slopes.data),
         }
     }
 }

@@ -4,8 +4,8 @@ use super::{encoder::CHANNELS, model::Sizes};
 use crate::{
     nn::{
         columns::{Block, BlockMut, Cut},
-        conv::{Conv, Kernels, Resize, Shares, Stack, StackMut, StackPass},
-        mat::Into,
+        conv::{Conv, PackedWeights, Resize, ShardSums, Stack, StackMut, StackPass},
+        mat::Accumulate,
         mlp::{Layout, Mlp, Pass, PassMut, mask, rectify},
     },
     num::Real,
@@ -32,7 +32,7 @@ pub enum Decoder {
 #[allow(clippy::large_enum_variant, reason = "there is one of it in a workspace")]
 pub(super) enum DecoderPass<T> {
     Dense(Pass<T, 3>),
-    Conv { dense: Pass<T, 2>, stack: StackPass<T, 4>, logits: Block<T>, delta: Block<T>, shares: Shares<T> },
+    Conv { dense: Pass<T, 2>, stack: StackPass<T, 4>, logits: Block<T>, delta: Block<T>, shares: ShardSums<T> },
 }
 
 /// Some samples of a [`DecoderPass`].
@@ -70,7 +70,7 @@ impl<T: Real> DecoderPass<T> {
                 stack: StackPass::new(stack, samples, each),
                 logits: Block::new(stack.convs[3].pixels() * each, samples),
                 delta: Block::new(stack.convs[3].pixels() * each, samples),
-                shares: stack.shares(),
+                shares: stack.shard_sums(),
             },
         }
     }
@@ -126,22 +126,28 @@ impl Decoder {
     }
 
     /// What all samples of a step share, still to be filled in.
-    pub(super) fn ready<T: Real>(&self) -> Vec<Kernels<T>> {
+    pub(super) fn packed_weights<T: Real>(&self) -> Vec<PackedWeights<T>> {
         match self {
             Self::Dense(_) => Vec::new(),
-            Self::Conv { stack, .. } => stack.kernels(),
+            Self::Conv { stack, .. } => stack.packed_weights(),
         }
     }
 
     /// Fills it in; once a step.
-    pub(super) fn prepare<T: Real>(&self, arena: &[T], kernels: &mut [Kernels<T>]) {
+    pub(super) fn pack<T: Real>(&self, arena: &[T], kernels: &mut [PackedWeights<T>]) {
         if let Self::Conv { stack, .. } = self {
-            stack.prepare(arena, kernels);
+            stack.pack(arena, kernels);
         }
     }
 
     /// Logits for columns of z.
-    pub(super) fn forward<T: Real>(&self, arena: &[T], kernels: &[Kernels<T>], z: &[T], pass: &mut DecoderMut<'_, T>) {
+    pub(super) fn forward<T: Real>(
+        &self,
+        arena: &[T],
+        kernels: &[PackedWeights<T>],
+        z: &[T],
+        pass: &mut DecoderMut<'_, T>,
+    ) {
         match (self, pass) {
             (Self::Dense(mlp), DecoderMut::Dense(pass)) => mlp.forward(arena, z, pass),
             (Self::Conv { dense, stack }, DecoderMut::Conv { dense: dense_pass, stack: pass, logits, .. }) => {
@@ -163,7 +169,7 @@ impl Decoder {
     pub(super) fn backward<T: Real>(
         &self,
         arena: &[T],
-        kernels: &[Kernels<T>],
+        kernels: &[PackedWeights<T>],
         pass: &mut DecoderMut<'_, T>,
         d_z: &mut [T],
     ) {
@@ -195,11 +201,11 @@ impl Decoder {
     ) {
         match (self, pass) {
             (Self::Dense(mlp), DecoderPass::Dense(pass)) => {
-                mlp.gradient(threads, gradient, Into::Replace, z, &pass.view(samples));
+                mlp.gradient(threads, gradient, Accumulate::Replace, z, &pass.view(samples));
             }
             (Self::Conv { dense, stack }, DecoderPass::Conv { dense: dense_pass, stack: pass, shares, .. }) => {
                 let dense_pass = dense_pass.view(samples);
-                dense.gradient(threads, gradient, Into::Replace, z, &dense_pass);
+                dense.gradient(threads, gradient, Accumulate::Replace, z, &dense_pass);
                 let flat = &*dense_pass.out[1];
                 let fill = |i: usize, input: &mut [T]| stack.convs[0].fill(flat, i, input);
                 stack.gradient(threads, &mut pass.view(samples), shares, gradient, &fill);

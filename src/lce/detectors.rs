@@ -2,7 +2,7 @@
 
 use super::LceModel;
 use crate::{
-    nn::{mlp::Pass, pictures::Pictures},
+    nn::{binary_images::BinaryImages, mlp::Pass},
     num::Real as _,
 };
 
@@ -25,7 +25,7 @@ pub struct Detectors {
 const MISREAD: f64 = 0.995;
 
 /// Looks at pictures from everywhere, such as the first of the data, and at goal images.
-pub fn of(model: &LceModel, pictures: &Pictures, goals: &Pictures) -> Detectors {
+pub fn of(model: &LceModel, pictures: &BinaryImages, goals: &BinaryImages) -> Detectors {
     let (n, a) = (model.sizes.latent, model.sizes.action);
     let gaussians = model.encode(pictures);
     let codes: Vec<&[f32]> = gaussians.chunks_exact(2 * n).collect();
@@ -121,11 +121,11 @@ mod tests {
     use super::*;
     use crate::{
         lce::{Sizes, model::background},
-        nn::pictures::Squares,
+        nn::binary_images::PooledPatches,
         num::{rng::Rng, sampling},
     };
 
-    fn model_and_frames(squares: Option<Squares>) -> (LceModel, Vec<u8>) {
+    fn model_and_frames(squares: Option<PooledPatches>) -> (LceModel, Vec<u8>) {
         let sizes = Sizes { pixels: 8 * 6, encoder: [9, 9], decoder: [9, 9], squares, ..Sizes::planar() };
         let mut rng = Rng::seed_from_u64(3);
         let frames: Vec<u8> = (0..20 * sizes.pixels).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn a_misreading_is_the_sum_over_pixels_of_what_the_decoder_says() {
-        for squares in [None, Some(Squares { columns: 6, side: 2 })] {
+        for squares in [None, Some(PooledPatches { columns: 6, side: 2 })] {
             let (model, frames) = model_and_frames(squares);
             let pictures = model.pictures(&frames);
             let codes = model.encode_means(&pictures);

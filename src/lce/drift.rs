@@ -6,7 +6,7 @@ use super::model::Nets;
 use crate::{
     nn::{
         columns::{Block, BlockMut, cut_together},
-        mat::Into,
+        mat::Accumulate,
         mlp::{Layout, Linear},
     },
     num::Real,
@@ -75,8 +75,8 @@ impl<T: Real> DriftPass<T> {
 
 impl<T> DriftMut<'_, T> {
     /// h at a sample's code, and where its gradient goes; both empty without a drift.
-    pub(super) fn of(&mut self, sample: usize) -> (&[T], &mut [T]) {
-        (self.h.of(sample), self.d_h.of(sample))
+    pub(super) fn sample(&mut self, sample: usize) -> (&[T], &mut [T]) {
+        (self.h.sample(sample), self.d_h.sample(sample))
     }
 }
 
@@ -88,7 +88,7 @@ impl Quadratic {
 
     /// No drift, as it begins.
     pub(super) fn reset<T: Real>(&self, arena: &mut [T]) {
-        arena[self.layer.at..][..self.layer.len()].fill(T::nil());
+        arena[self.layer.at..][..self.layer.len()].fill(T::ZERO);
     }
 
     /// h at the means of E(·|x), the first of the four parts of every sample's codes.
@@ -129,6 +129,6 @@ impl Quadratic {
 
     /// The gradient of the coefficients.
     pub(super) fn gradient<T: Real>(&self, gradient: &mut [T], pass: &DriftMut<'_, T>) {
-        self.layer.gradient(1, gradient, Into::Replace, pass.monomials.data, pass.d_h.data);
+        self.layer.gradient(1, gradient, Accumulate::Replace, pass.monomials.data, pass.d_h.data);
     }
 }

@@ -3,11 +3,11 @@
 use super::model::Sizes;
 use crate::{
     nn::{
+        binary_images::{BinaryImages, OutputRows},
         columns::{Block, BlockMut, Cut},
-        conv::{Conv, LitMut, LitPass, LitReady, LitStack, Resize, Shares},
-        mat::Into,
+        conv::{Conv, Resize, ShardSums, SparseConvMut, SparseConvPass, SparseConvStack, SparseConvWeights},
+        mat::Accumulate,
         mlp::{Layout, Mlp, Pass, PassMut, mask},
-        pictures::{Pictures, Place},
     },
     num::Real,
 };
@@ -24,7 +24,7 @@ pub enum Encoder {
     /// Four convolutions, of stride 1, 2, 2 and 2, then one hidden layer; ReLU after each.
     Conv {
         /// The convolutions.
-        stack: LitStack<3>,
+        stack: SparseConvStack<3>,
         /// What follows.
         dense: Mlp<2>,
     },
@@ -32,10 +32,10 @@ pub enum Encoder {
 
 /// What all samples of a step share.
 #[derive(Debug, Clone)]
-pub(super) enum Ready<T> {
+pub(super) enum EncoderWeights<T> {
     /// W x_background + b of the first layer.
     Dense(Vec<T>),
-    Conv(LitReady<T>),
+    Conv(SparseConvWeights<T>),
 }
 
 /// Buffers of a pass.
@@ -43,13 +43,13 @@ pub(super) enum Ready<T> {
 #[allow(clippy::large_enum_variant, reason = "there is one of it in a workspace")]
 pub(super) enum EncoderPass<T> {
     Dense(Pass<T, 3>),
-    Conv { stack: LitPass<T, 3>, flat: Block<T>, d_flat: Block<T>, dense: Pass<T, 2>, shares: Shares<T> },
+    Conv { stack: SparseConvPass<T, 3>, flat: Block<T>, d_flat: Block<T>, dense: Pass<T, 2>, shares: ShardSums<T> },
 }
 
 /// Some samples of an [`EncoderPass`].
 pub(super) enum EncoderMut<'a, T> {
     Dense(PassMut<'a, T, 3>),
-    Conv { stack: LitMut<'a, T, 3>, flat: BlockMut<'a, T>, d_flat: BlockMut<'a, T>, dense: PassMut<'a, T, 2> },
+    Conv { stack: SparseConvMut<'a, T, 3>, flat: BlockMut<'a, T>, d_flat: BlockMut<'a, T>, dense: PassMut<'a, T, 2> },
 }
 
 impl<T: Real> Cut for EncoderMut<'_, T> {
@@ -77,11 +77,11 @@ impl<T: Real> EncoderPass<T> {
         match net {
             Encoder::Dense(mlp) => Self::Dense(Pass::new(mlp, samples, each)),
             Encoder::Conv { stack, dense } => Self::Conv {
-                stack: LitPass::new(stack, samples, each),
+                stack: SparseConvPass::new(stack, samples, each),
                 flat: Block::new(dense.layers[0].n_in * each, samples),
                 d_flat: Block::new(dense.layers[0].n_in * each, samples),
                 dense: Pass::new(dense, samples, each),
-                shares: stack.shares(),
+                shares: stack.shard_sums(),
             },
         }
     }
@@ -124,7 +124,7 @@ impl Encoder {
         let down = |layout: &mut Layout, name, size, c_out| {
             Conv::new(layout, name, size, [CHANNELS, c_out], Resize::Down(2), true)
         };
-        let stack = LitStack::new(layout, "encoder", (frames, [rows, columns]), CHANNELS, |layout| {
+        let stack = SparseConvStack::new(layout, "encoder", (frames, [rows, columns]), CHANNELS, |layout| {
             [
                 down(layout, "encoder.1", [rows, columns], CHANNELS),
                 down(layout, "encoder.2", size_1, CHANNELS),
@@ -135,18 +135,18 @@ impl Encoder {
     }
 
     /// What all samples of a step share, still to be filled in.
-    pub(super) fn ready<T: Real>(&self) -> Ready<T> {
+    pub(super) fn packed_weights<T: Real>(&self) -> EncoderWeights<T> {
         match self {
-            Self::Dense(mlp) => Ready::Dense(vec![T::nil(); mlp.layers[0].n_out]),
-            Self::Conv { stack, .. } => Ready::Conv(stack.ready()),
+            Self::Dense(mlp) => EncoderWeights::Dense(vec![T::ZERO; mlp.layers[0].n_out]),
+            Self::Conv { stack, .. } => EncoderWeights::Conv(stack.packed_weights()),
         }
     }
 
     /// Fills it in; once a step.
-    pub(super) fn prepare<T: Real>(&self, arena: &[T], pictures: &Pictures, ready: &mut Ready<T>) {
-        match (self, ready) {
-            (Self::Dense(mlp), Ready::Dense(base)) => pictures.base(&mlp.layers[0], arena, base),
-            (Self::Conv { stack, .. }, Ready::Conv(ready)) => stack.prepare(arena, ready),
+    pub(super) fn pack<T: Real>(&self, arena: &[T], pictures: &BinaryImages, packed: &mut EncoderWeights<T>) {
+        match (self, packed) {
+            (Self::Dense(mlp), EncoderWeights::Dense(base)) => pictures.base(&mlp.layers[0], arena, base),
+            (Self::Conv { stack, .. }, EncoderWeights::Conv(packed)) => stack.pack(arena, packed),
             _ => unreachable!("made by another encoder"),
         }
     }
@@ -155,22 +155,22 @@ impl Encoder {
     pub(super) fn forward<T: Real>(
         &self,
         arena: &[T],
-        ready: &Ready<T>,
-        (pictures, which): (&Pictures, &[u32]),
+        packed: &EncoderWeights<T>,
+        (pictures, which): (&BinaryImages, &[u32]),
         pass: &mut EncoderMut<'_, T>,
     ) {
-        match (self, ready, pass) {
-            (Self::Dense(mlp), Ready::Dense(base), EncoderMut::Dense(pass)) => {
-                let place = Place { stride: mlp.layers[0].n_out, offset: 0 };
+        match (self, packed, pass) {
+            (Self::Dense(mlp), EncoderWeights::Dense(base), EncoderMut::Dense(pass)) => {
+                let place = OutputRows { stride: mlp.layers[0].n_out, offset: 0 };
                 pictures.affine(&mlp.layers[0], arena, base, which, pass.out[0], place, true);
                 mlp.forward_from_second(arena, pass);
             }
             (
                 Self::Conv { stack, dense },
-                Ready::Conv(ready),
+                EncoderWeights::Conv(packed),
                 EncoderMut::Conv { stack: pass, flat, dense: dense_pass, .. },
             ) => {
-                stack.forward(arena, ready, (pictures, which), pass, flat.data);
+                stack.forward(arena, packed, (pictures, which), pass, flat.data);
                 dense.forward(arena, flat.data, dense_pass);
             }
             _ => unreachable!("made by another encoder"),
@@ -193,27 +193,33 @@ impl Encoder {
     pub(super) fn gradient<T: Real>(
         &self,
         threads: usize,
-        (arena, ready): (&[T], &Ready<T>),
+        (arena, packed): (&[T], &EncoderWeights<T>),
         gradient: &mut [T],
-        (pictures, which): (&Pictures, &[u32]),
+        (pictures, which): (&BinaryImages, &[u32]),
         pass: &mut EncoderPass<T>,
         samples: usize,
     ) {
-        match (self, ready, pass) {
+        match (self, packed, pass) {
             (Self::Dense(mlp), _, EncoderPass::Dense(pass)) => {
                 let (first, pass) = (&mlp.layers[0], pass.view(samples));
-                let place = Place { stride: first.n_out, offset: 0 };
+                let place = OutputRows { stride: first.n_out, offset: 0 };
                 pictures.gradient(threads, first, gradient, which, pass.delta[0], place);
-                mlp.gradient_from_second(threads, gradient, Into::Replace, &pass);
+                mlp.gradient_from_second(threads, gradient, Accumulate::Replace, &pass);
             }
             (
                 Self::Conv { stack, dense },
-                Ready::Conv(ready),
+                EncoderWeights::Conv(packed),
                 EncoderPass::Conv { stack: pass, flat, d_flat, dense: dense_pass, shares },
             ) => {
-                dense.gradient(threads, gradient, Into::Replace, flat.view(samples).data, &dense_pass.view(samples));
+                dense.gradient(
+                    threads,
+                    gradient,
+                    Accumulate::Replace,
+                    flat.view(samples).data,
+                    &dense_pass.view(samples),
+                );
                 let d_flat = &d_flat.view(samples).data;
-                stack.gradient(threads, (arena, ready), gradient, (pictures, which), pass, d_flat, shares);
+                stack.gradient(threads, (arena, packed), gradient, (pictures, which), pass, d_flat, shares);
             }
             _ => unreachable!("made by another encoder"),
         }

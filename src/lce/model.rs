@@ -8,9 +8,9 @@ use super::{
 };
 use crate::{
     nn::{
+        binary_images::{BinaryImages, PooledPatches},
         heads,
         mlp::{Layout, Linear, Mlp, Pass},
-        pictures::{Pictures, Squares},
     },
     num::{Real, rng::Rng},
 };
@@ -28,9 +28,9 @@ pub struct Sizes {
     /// Frames, rows and columns of an observation where encoder and decoder are convolutional.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub convolution: Option<[usize; 3]>,
-    /// Squares that all networks read and predict pictures in; not together with convolutions.
+    /// PooledPatches that all networks read and predict pictures in; not together with convolutions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub squares: Option<Squares>,
+    pub squares: Option<PooledPatches>,
     /// Hidden layers of the encoder; convolutions put out the first.
     pub encoder: [usize; 2],
     /// Hidden layers of the decoder; convolutions start from the last.
@@ -106,7 +106,7 @@ impl Sizes {
 
     /// Numbers that networks read of a picture, and logits that they give it.
     pub fn entries(&self) -> usize {
-        self.pixels / self.squares.map_or(1, Squares::area)
+        self.pixels / self.squares.map_or(1, PooledPatches::area)
     }
 }
 
@@ -178,14 +178,14 @@ impl<T: Real> LceModel<T> {
     pub fn set_drift(&mut self, drift: Drift) {
         self.sizes.drift = drift;
         self.nets = Nets::new(&self.sizes);
-        self.arena.resize(self.nets.layout.len, T::nil());
+        self.arena.resize(self.nets.layout.len, T::ZERO);
     }
 
     /// Pictures (bytes, non-zero is lit) in the form that this model reads.
-    pub fn pictures(&self, frames: &[u8]) -> Pictures {
+    pub fn pictures(&self, frames: &[u8]) -> BinaryImages {
         let mut pictures = match self.sizes.squares {
-            None => Pictures::new(&self.background),
-            Some(squares) => Pictures::in_squares(self.sizes.pixels, squares),
+            None => BinaryImages::new(&self.background),
+            Some(squares) => BinaryImages::pooled(self.sizes.pixels, squares),
         };
         pictures.extend(frames);
         pictures
@@ -211,7 +211,7 @@ impl<T: Real> LceModel<T> {
         let z_u: Vec<T> =
             z.chunks_exact(n).zip(u.chunks_exact(a)).flat_map(|(z, u)| z.iter().chain(u)).copied().collect();
         let mut pass = Pass::new(&self.nets.dynamics, columns, 1);
-        let mut gaussian = vec![T::nil(); 2 * n * columns];
+        let mut gaussian = vec![T::ZERO; 2 * n * columns];
         self.predict(&z_u, &mut pass, &mut gaussian);
         gaussian.chunks_exact(2 * n).flat_map(|gaussian| &gaussian[..n]).copied().collect()
     }
@@ -220,7 +220,7 @@ impl<T: Real> LceModel<T> {
     pub fn decode(&self, z: &[T]) -> Vec<T> {
         let mut probabilities = Vec::with_capacity(z.len() / self.sizes.latent * self.sizes.pixels);
         let around = |pixel| self.sizes.squares.map_or(pixel, |squares| squares.around(pixel));
-        let probability = |l: T| T::unit() / (T::unit() + (-l).e_to());
+        let probability = |l: T| T::ONE / (T::ONE + (-l).e_to());
         self.each_logits(z, |logits| {
             probabilities.extend((0..self.sizes.pixels).map(|pixel| probability(logits[around(pixel)])));
         });
@@ -228,19 +228,19 @@ impl<T: Real> LceModel<T> {
     }
 
     /// -ln D(x|z) of every picture at its code: how badly it reads, in nats.
-    pub fn misreading(&self, pictures: &Pictures, codes: &[T]) -> Vec<T> {
+    pub fn misreading(&self, pictures: &BinaryImages, codes: &[T]) -> Vec<T> {
         let mut nats = Vec::with_capacity(pictures.len());
-        let mut delta = vec![T::nil(); self.sizes.entries()];
+        let mut delta = vec![T::ZERO; self.sizes.entries()];
         self.each_logits(codes, |logits| {
-            nats.push(heads::bernoulli(logits, pictures, nats.len() as u32, T::nil(), &mut delta));
+            nats.push(heads::bernoulli(logits, pictures, nats.len() as u32, T::ZERO, &mut delta));
         });
         nats
     }
 
     fn each_logits(&self, z: &[T], mut each: impl FnMut(&[T])) {
         let (decoder, n) = (&self.nets.decoder, self.sizes.latent);
-        let mut kernels = decoder.ready();
-        decoder.prepare(&self.arena, &mut kernels);
+        let mut kernels = decoder.packed_weights();
+        decoder.pack(&self.arena, &mut kernels);
         let mut pass = DecoderPass::new(decoder, (z.len() / n).min(AT_ONCE), 1);
         for z in z.chunks(AT_ONCE * n) {
             let mut pass = pass.view(z.len() / n);

@@ -8,17 +8,17 @@ use super::{
     curvature::{Curvature, CurvatureMut},
     decoder::{DecoderMut, DecoderPass},
     drift::{DriftMut, DriftPass},
-    encoder::{EncoderMut, EncoderPass, Ready},
+    encoder::{EncoderMut, EncoderPass, EncoderWeights},
     model::LceModel,
 };
 use crate::{
     nn::{
+        binary_images::BinaryImages,
         columns::{Block, BlockMut, cut_together, over_samples},
-        conv::Kernels,
+        conv::PackedWeights,
         heads,
-        mat::Into,
+        mat::Accumulate,
         mlp::{Pass, PassMut},
-        pictures::Pictures,
     },
     num::{Real, simd::vectorize},
 };
@@ -127,7 +127,7 @@ pub type Regularizer<'a, T> = &'a (dyn Fn(usize, &[T], T, &mut [T]) -> T + Sync)
 #[derive(Clone, Copy)]
 pub struct Batch<'a, T> {
     /// Where pictures are looked up.
-    pub pictures: &'a Pictures,
+    pub pictures: &'a BinaryImages,
     /// For every sample the numbers of x and x'.
     pub pairs: &'a [u32],
     /// For every sample the number of x.
@@ -180,8 +180,8 @@ pub struct Workspace<T> {
 /// What all samples of a step share besides the model: its weights as the loops read them.
 #[derive(Debug, Clone)]
 struct Shared<T> {
-    encoder: Ready<T>,
-    decoder: Vec<Kernels<T>>,
+    encoder: EncoderWeights<T>,
+    decoder: Vec<PackedWeights<T>>,
     backward: Vec<T>,
 }
 
@@ -222,11 +222,11 @@ impl<T: Real> Workspace<T> {
             drift: DriftPass::new(nets, samples),
             terms: Block::new(TERMS, samples),
             shared: Shared {
-                encoder: nets.encoder.ready(),
-                decoder: nets.decoder.ready(),
-                backward: vec![T::nil(); nets.backward.x.n_out],
+                encoder: nets.encoder.packed_weights(),
+                decoder: nets.decoder.packed_weights(),
+                backward: vec![T::ZERO; nets.backward.x.n_out],
             },
-            gradient: vec![T::nil(); nets.layout.len],
+            gradient: vec![T::ZERO; nets.layout.len],
         }
     }
 
@@ -264,8 +264,8 @@ impl<T: Real> Workspace<T> {
         let samples = batch.x.len();
         let (nets, arena) = (&model.nets, &model.arena[..]);
         let (columns, shared) = self.columns(samples);
-        nets.encoder.prepare(arena, batch.pictures, &mut shared.encoder);
-        nets.decoder.prepare(arena, &mut shared.decoder);
+        nets.encoder.pack(arena, batch.pictures, &mut shared.encoder);
+        nets.decoder.pack(arena, &mut shared.decoder);
         nets.backward.base(arena, batch.pictures, &mut shared.backward);
         let run = Run { model, weights, batch, shared, mean: T::of(1.0 / samples as f64) };
         over_samples(threads, 0, samples, columns, &|first, samples, columns| {
@@ -285,7 +285,7 @@ impl<T: Real> Workspace<T> {
         let backward = self.backward.view(samples);
         nets.backward.gradient(threads, gradient, inputs, (batch.pictures, batch.x), &backward);
         let z_u = self.dynamics_input.view(samples).data;
-        nets.dynamics.gradient(1, gradient, Into::Replace, z_u, &self.dynamics.view(samples));
+        nets.dynamics.gradient(1, gradient, Accumulate::Replace, z_u, &self.dynamics.view(samples));
         self.curvature.view(samples).add_gradient(nets, gradient);
         if let Some(drift) = &nets.drift {
             drift.gradient(gradient, &self.drift.view(samples));
@@ -358,9 +358,9 @@ impl<T: Real> Run<'_, T> {
         for i in 0..samples {
             let [for_z1, _, for_z_e, ..] = self.noise(first + i);
             let (now, next) = codes[4 * n * i..][..4 * n].split_at(2 * n);
-            heads::sample(next, for_z1, c.z1.of(i));
-            let decoder_input = c.decoder_input.of(i);
-            decoder_input[..n].copy_from_slice(c.z1.of(i));
+            heads::sample(next, for_z1, c.z1.sample(i));
+            let decoder_input = c.decoder_input.sample(i);
+            decoder_input[..n].copy_from_slice(c.z1.sample(i));
             heads::sample(now, for_z_e, &mut decoder_input[n..2 * n]);
         }
     }
@@ -376,7 +376,7 @@ impl<T: Real> Run<'_, T> {
         nets.backward.forward(arena, (c.z1.data, u), seen, &mut c.backward);
         for i in 0..samples {
             let [_, for_z_q, ..] = self.noise(first + i);
-            let (from_z_q, from_mean) = c.dynamics_input.of(i).split_at_mut(n + a);
+            let (from_z_q, from_mean) = c.dynamics_input.sample(i).split_at_mut(n + a);
             heads::sample(c.backward.gaussian(i), for_z_q, &mut from_z_q[..n]);
             from_mean[..n].copy_from_slice(&c.encoder.codes().0[4 * n * i..][..n]);
             from_z_q[n..].copy_from_slice(self.action(first + i));
@@ -399,16 +399,16 @@ impl<T: Real> Run<'_, T> {
         }
         for i in 0..samples {
             let mean = &c.dynamics.out[2][4 * n * i + 2 * n..][..n];
-            c.decoder_input.of(i)[2 * n..].copy_from_slice(mean);
+            c.decoder_input.sample(i)[2 * n..].copy_from_slice(mean);
         }
         let sigma = T::of(self.batch.curvature_sigma);
         for i in 0..samples {
             let [.., e_z, e_u] = self.noise(first + i);
-            let point = [&c.decoder_input.of(i)[n..2 * n], self.action(first + i)];
+            let point = [&c.decoder_input.sample(i)[n..2 * n], self.action(first + i)];
             c.curvature.set(i, point, [e_z, e_u], sigma);
         }
         let terms = &mut c.terms;
-        c.curvature.run(nets, arena, T::of(self.weights.curvature) * self.mean, |i, value| terms.of(i)[4] = value);
+        c.curvature.run(nets, arena, T::of(self.weights.curvature) * self.mean, |i, value| terms.sample(i)[4] = value);
     }
 
     /// The decoder's three losses and the deltas of its logits.
@@ -425,29 +425,29 @@ impl<T: Real> Run<'_, T> {
                 let (logits, delta) = c.decoder.logits();
                 let (logits, delta) = (&logits[range.clone()], &mut delta[range]);
                 let value = heads::bernoulli(logits, self.batch.pictures, picture, weight * self.mean, delta);
-                c.terms.of(i)[term] = value;
+                c.terms.sample(i)[term] = value;
             }
         }
     }
 
     #[inline(always)]
     fn guidance(&self, sample: usize) -> T {
-        self.batch.guidance.map_or(T::unit(), |guidance| guidance[sample])
+        self.batch.guidance.map_or(T::ONE, |guidance| guidance[sample])
     }
 
     /// ln F(z1|z_q, u) and the deltas of F's two heads, back to z_q and the mean of E(x).
     #[inline(always)]
     fn back_through_dynamics(&self, first: usize, samples: usize, c: &mut Columns<'_, T>) {
         let (nets, arena, n) = (&self.model.nets, &self.model.arena[..], self.model.sizes.latent);
-        c.dynamics.delta[2].fill(T::nil());
+        c.dynamics.delta[2].fill(T::ZERO);
         for i in 0..samples {
             let weight = T::of(-self.weights.consistency) * self.guidance(first + i) * self.mean;
-            let d_z1 = c.d_z1.of(i);
-            let d_decoded = c.d_decoder_input.of(i);
+            let d_z1 = c.d_z1.sample(i);
+            let d_decoded = c.d_decoder_input.sample(i);
             d_z1.copy_from_slice(&d_decoded[..n]);
             let gaussian = &c.dynamics.out[2][4 * n * i..][..2 * n];
             let (d_from_z_q, d_from_mean) = c.dynamics.delta[2][4 * n * i..][..4 * n].split_at_mut(2 * n);
-            c.terms.of(i)[3] = heads::log_density(c.z1.of(i), gaussian, weight, d_z1, d_from_z_q);
+            c.terms.sample(i)[3] = heads::log_density(c.z1.sample(i), gaussian, weight, d_z1, d_from_z_q);
             d_from_mean[..n].copy_from_slice(&d_decoded[2 * n..]);
         }
         nets.dynamics.backward(arena, &mut c.dynamics, Some(c.d_dynamics_input.data));
@@ -463,18 +463,18 @@ impl<T: Real> Run<'_, T> {
             let [_, for_z_q, for_z_e, ..] = self.noise(first + i);
             let (codes, d_codes) = c.encoder.codes();
             let (now, d_now) = (&codes[4 * n * i..][..2 * n], &mut d_codes[4 * n * i..][..2 * n]);
-            d_now.fill(T::nil());
-            let (d_input_z_q, d_input_mean) = c.d_dynamics_input.of(i).split_at_mut(n + a);
+            d_now.fill(T::ZERO);
+            let (d_input_z_q, d_input_mean) = c.d_dynamics_input.sample(i).split_at_mut(n + a);
             let d_heads = &c.dynamics.delta[2][4 * n * i..][..4 * n];
             for k in 0..n {
                 // F's means are relative to their input, so its gradient passes straight through as well.
                 d_input_z_q[k] += d_heads[k];
                 d_now[k] += d_input_mean[k] + d_heads[2 * n + k];
             }
-            heads::sample_backward(now, for_z_e, &c.d_decoder_input.of(i)[n..2 * n], d_now);
-            let terms = c.terms.of(i);
+            heads::sample_backward(now, for_z_e, &c.d_decoder_input.sample(i)[n..2 * n], d_now);
+            let terms = c.terms.sample(i);
             let (gaussian, d_gaussian) = c.backward.gaussian_and_gradient(i);
-            d_gaussian.fill(T::nil());
+            d_gaussian.fill(T::ZERO);
             terms[1] = heads::kl(gaussian, now, consistency, d_gaussian, d_now);
             heads::sample_backward(gaussian, for_z_q, &d_input_z_q[..n], d_gaussian);
             terms[6] = heads::kl_to_unit(now, T::of(self.weights.prior) * self.mean, d_now);
@@ -493,13 +493,13 @@ impl<T: Real> Run<'_, T> {
             let (codes, d_codes) = c.encoder.codes();
             let (codes, d_codes) = (&codes[4 * n * i..][..4 * n], &mut d_codes[4 * n * i..][..4 * n]);
             let (next, d_next) = (&codes[2 * n..], &mut d_codes[2 * n..]);
-            d_next.fill(T::nil());
-            heads::sample_backward(next, for_z1, c.d_z1.of(i), d_next);
-            let terms = c.terms.of(i);
+            d_next.fill(T::ZERO);
+            heads::sample_backward(next, for_z1, c.d_z1.sample(i), d_next);
+            let terms = c.terms.sample(i);
             terms[2] = heads::entropy(next, -consistency, d_next);
             let weight = T::of(self.weights.anchor) * self.mean;
             let scale = T::of(self.batch.anchor_scale);
-            terms[9] = anchor(n, self.action(first + i), scale, (codes, d_codes), c.drift.of(i), weight);
+            terms[9] = anchor(n, self.action(first + i), scale, (codes, d_codes), c.drift.sample(i), weight);
         }
         if let Some(drift) = &nets.drift {
             let (codes, d_codes) = c.encoder.codes();
@@ -520,8 +520,8 @@ fn anchor<T: Real>(
 ) -> T {
     let (now, next) = codes.split_at(2 * latent);
     let (d_now, d_next) = d_codes.split_at_mut(2 * latent);
-    let or_zero = |x: Option<&T>| x.map_or(T::nil(), |&x| x);
-    let mut sum = T::nil();
+    let or_zero = |x: Option<&T>| x.map_or(T::ZERO, |&x| x);
+    let mut sum = T::ZERO;
     for i in 0..latent {
         let rest = next[i] - now[i] - scale * or_zero(action.get(i)) - or_zero(h.get(i));
         let slope = weight * (rest + rest);

@@ -1,11 +1,11 @@
 //! E prepared once: for closed loops, where a picture comes at a time, and for data sets.
 
 use super::{
-    encoder::{EncoderPass, Ready},
+    encoder::{EncoderPass, EncoderWeights},
     model::{AT_ONCE, LceModel},
 };
 use crate::{
-    nn::{heads, pictures::Pictures},
+    nn::{binary_images::BinaryImages, heads},
     num::Real,
 };
 
@@ -13,7 +13,7 @@ use crate::{
 #[derive(Debug)]
 pub struct Observer<'a, T = f32> {
     model: &'a LceModel<T>,
-    ready: Ready<T>,
+    packed: EncoderWeights<T>,
     pass: EncoderPass<T>,
     at_once: usize,
 }
@@ -22,18 +22,18 @@ impl<'a, T: Real> Observer<'a, T> {
     /// Prepares a model's encoder for `at_once` pictures at a time.
     pub fn new(model: &'a LceModel<T>, at_once: usize) -> Self {
         let encoder = &model.nets.encoder;
-        let mut ready = encoder.ready();
-        encoder.prepare(&model.arena, &model.pictures(&[]), &mut ready);
-        Self { model, ready, pass: EncoderPass::new(encoder, at_once, 1), at_once }
+        let mut packed = encoder.packed_weights();
+        encoder.pack(&model.arena, &model.pictures(&[]), &mut packed);
+        Self { model, packed, pass: EncoderPass::new(encoder, at_once, 1), at_once }
     }
 
     /// E(·|x) for every picture: means, then log standard deviations, one column each.
-    pub fn codes(&mut self, pictures: &Pictures) -> Vec<T> {
+    pub fn codes(&mut self, pictures: &BinaryImages) -> Vec<T> {
         let mut codes = Vec::with_capacity(2 * self.model.sizes.latent * pictures.len());
         let all: Vec<u32> = (0..pictures.len() as u32).collect();
         for which in all.chunks(self.at_once) {
             let mut pass = self.pass.view(which.len());
-            self.model.nets.encoder.forward(&self.model.arena, &self.ready, (pictures, which), &mut pass);
+            self.model.nets.encoder.forward(&self.model.arena, &self.packed, (pictures, which), &mut pass);
             codes.extend_from_slice(pass.codes().0);
         }
         codes
@@ -49,12 +49,12 @@ impl<'a, T: Real> Observer<'a, T> {
 
 impl<T: Real> LceModel<T> {
     /// E(·|x) for every picture: means, then log standard deviations, one column each.
-    pub fn encode(&self, pictures: &Pictures) -> Vec<T> {
+    pub fn encode(&self, pictures: &BinaryImages) -> Vec<T> {
         Observer::new(self, pictures.len().clamp(1, AT_ONCE)).codes(pictures)
     }
 
     /// Means of E(·|x) for every picture, one column each.
-    pub fn encode_means(&self, pictures: &Pictures) -> Vec<T> {
+    pub fn encode_means(&self, pictures: &BinaryImages) -> Vec<T> {
         let codes = self.encode(pictures);
         codes.chunks_exact(2 * self.sizes.latent).flat_map(|code| heads::halves(code).0).copied().collect()
     }

@@ -8,7 +8,7 @@ use crate::{
     nn::{
         adam::{Adam, AdamSettings},
         heads,
-        mat::Into,
+        mat::Accumulate,
         mlp::Pass,
     },
     num::{rng::Rng, sampling, simd::vectorize},
@@ -48,7 +48,7 @@ pub fn refit(model: &mut LceModel, codes: &[f32], actions: &[f32], steps: u64, l
                 net.backward(&model.arena, &mut pass, None);
             },
         );
-        net.gradient(1, &mut gradient, Into::Replace, &z_u, &pass);
+        net.gradient(1, &mut gradient, Accumulate::Replace, &z_u, &pass);
         let pace = 1.0 - step as f64 / steps as f64;
         let settings = AdamSettings { learning_rate: learning_rate * pace, weight_decay: 0.0 };
         adam.step(1, settings, &mut model.arena[parameters.clone()], &gradient[parameters.clone()]);

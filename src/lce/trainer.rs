@@ -8,7 +8,7 @@ use super::{
 use crate::{
     nn::{
         adam::{Adam, AdamSettings},
-        pictures::Pictures,
+        binary_images::BinaryImages,
     },
     num::{Real, rng::Rng, sampling},
 };
@@ -19,8 +19,8 @@ pub const BATCH: usize = 128;
 /// Transitions (x, u, x') in the form that training reads. No state is in it.
 #[derive(Debug, Clone)]
 pub struct Data<T = f32> {
-    /// Pictures 2i and 2i + 1 are x and x' of transition i.
-    pub pictures: Pictures,
+    /// BinaryImages 2i and 2i + 1 are x and x' of transition i.
+    pub pictures: BinaryImages,
     /// Actions in -1..1, one column for every transition.
     pub actions: Vec<T>,
     /// Components of an action.
@@ -106,7 +106,7 @@ impl<T: Real> Buffers<T> {
 /// Buffers for what a batch is gathered into.
 #[derive(Debug, Default)]
 struct Gathered<T> {
-    thinned: Option<Pictures>,
+    thinned: Option<BinaryImages>,
     pairs: Vec<u32>,
     x: Vec<u32>,
     actions: Vec<T>,
@@ -124,10 +124,10 @@ impl<T: Real> Gathered<T> {
             self.x.push(2 * i);
             self.actions.extend_from_slice(&data.actions[i as usize * data.action_dim..][..data.action_dim]);
         }
-        self.noise.resize(which.len() * noise_width, T::nil());
+        self.noise.resize(which.len() * noise_width, T::ZERO);
         sampling::fill_normal(rng, &mut self.noise);
         if dropout > 0.0 {
-            self.thinned = Some(data.pictures.thinned(&self.pairs, dropout, rng));
+            self.thinned = Some(data.pictures.with_dropout(&self.pairs, dropout, rng));
             self.pairs.iter_mut().zip(0..).for_each(|(picture, i)| *picture = i);
             self.x.iter_mut().zip(0..).for_each(|(picture, i)| *picture = 2 * i);
         }
@@ -140,7 +140,7 @@ impl<T: Real> Trainer<T> {
         Self { model, adam, settings, dropout: 0.0, buffers: Buffers::None, batch: Gathered::default() }
     }
 
-    /// Networks miss this share of the squares that they read, others at every step: see [`Pictures::thinned`].
+    /// Networks miss this share of the squares that they read, others at every step: see [`BinaryImages::with_dropout`].
     pub fn set_dropout(&mut self, share: f64) {
         self.dropout = share;
     }
@@ -187,7 +187,7 @@ impl<T: Real> Trainer<T> {
         }
         let Gathered { thinned, pairs, x, actions, noise, guidance } = &self.batch;
         let by_sample = |sample: usize, z: &[T], weight: T, d_z: &mut [T]| {
-            objective.regularizer.map_or(T::nil(), |regularizer| regularizer(which[sample] as usize, z, weight, d_z))
+            objective.regularizer.map_or(T::ZERO, |regularizer| regularizer(which[sample] as usize, z, weight, d_z))
         };
         let batch = Batch {
             pictures: thinned.as_ref().unwrap_or(&data.pictures),

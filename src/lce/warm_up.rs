@@ -7,17 +7,17 @@
 use super::{
     decoder::{DecoderMut, DecoderPass},
     drift::{DriftMut, DriftPass},
-    encoder::{EncoderMut, EncoderPass, Ready},
+    encoder::{EncoderMut, EncoderPass, EncoderWeights},
     model::LceModel,
 };
 use crate::{
     nn::{
+        binary_images::BinaryImages,
         columns::{Block, BlockMut, cut_together, over_samples},
-        conv::Kernels,
+        conv::PackedWeights,
         heads,
-        mat::Into,
+        mat::Accumulate,
         mlp::{Pass, PassMut},
-        pictures::Pictures,
     },
     num::{Real, simd::vectorize},
 };
@@ -61,7 +61,7 @@ pub struct WarmUpTerms {
 #[derive(Debug, Clone, Copy)]
 pub struct WarmUpBatch<'a, T> {
     /// Where pictures are looked up.
-    pub pictures: &'a Pictures,
+    pub pictures: &'a BinaryImages,
     /// For every sample the numbers of x and x'.
     pub pairs: &'a [u32],
     /// Actions in -1..1, one column each.
@@ -91,8 +91,8 @@ pub struct WarmUpWorkspace<T> {
 /// What all samples of a step share besides the model: its weights as the loops read them.
 #[derive(Debug, Clone)]
 struct Shared<T> {
-    encoder: Ready<T>,
-    decoder: Vec<Kernels<T>>,
+    encoder: EncoderWeights<T>,
+    decoder: Vec<PackedWeights<T>>,
 }
 
 cut_together! {
@@ -123,8 +123,8 @@ impl<T: Real> WarmUpWorkspace<T> {
             dynamics: Pass::new(&nets.dynamics, samples, 1),
             drift: DriftPass::new(nets, samples),
             terms: Block::new(4, samples),
-            shared: Shared { encoder: nets.encoder.ready(), decoder: nets.decoder.ready() },
-            gradient: vec![T::nil(); nets.layout.len],
+            shared: Shared { encoder: nets.encoder.packed_weights(), decoder: nets.decoder.packed_weights() },
+            gradient: vec![T::ZERO; nets.layout.len],
         }
     }
 
@@ -158,9 +158,9 @@ impl<T: Real> WarmUpWorkspace<T> {
     ) -> WarmUpTerms {
         let samples = batch.pairs.len() / 2;
         let (columns, shared) = self.columns(samples);
-        model.nets.encoder.prepare(&model.arena, batch.pictures, &mut shared.encoder);
+        model.nets.encoder.pack(&model.arena, batch.pictures, &mut shared.encoder);
         if batch.decode {
-            model.nets.decoder.prepare(&model.arena, &mut shared.decoder);
+            model.nets.decoder.pack(&model.arena, &mut shared.decoder);
         }
         let run = Run { model, settings, batch, shared, mean: T::of(1.0 / samples as f64) };
         over_samples(threads, 0, samples, columns, &|first, samples, columns| {
@@ -186,10 +186,10 @@ impl<T: Real> WarmUpWorkspace<T> {
             let z = self.decoder_input.view(samples).data;
             nets.decoder.gradient(threads, gradient, z, &mut self.decoder, samples);
         } else {
-            gradient[nets.decoder.parameters()].fill(T::nil());
+            gradient[nets.decoder.parameters()].fill(T::ZERO);
         }
         let z_u = self.dynamics_input.view(samples).data;
-        nets.dynamics.gradient(1, gradient, Into::Replace, z_u, &self.dynamics.view(samples));
+        nets.dynamics.gradient(1, gradient, Accumulate::Replace, z_u, &self.dynamics.view(samples));
         if let Some(drift) = &nets.drift {
             drift.gradient(gradient, &self.drift.view(samples));
         }
@@ -221,8 +221,8 @@ impl<T: Real> Run<'_, T> {
             self.reconstruct(first, samples, c);
             nets.decoder.backward(arena, &self.shared.decoder, &mut c.decoder, c.d_decoder_input.data);
         } else {
-            c.d_decoder_input.data.fill(T::nil());
-            c.terms.data.fill(T::nil());
+            c.d_decoder_input.data.fill(T::ZERO);
+            c.terms.data.fill(T::ZERO);
         }
         self.backward(first, samples, c);
         nets.encoder.backward(arena, &mut c.encoder);
@@ -236,7 +236,7 @@ impl<T: Real> Run<'_, T> {
         nets.encoder.forward(arena, &self.shared.encoder, (self.batch.pictures, pairs), &mut c.encoder);
         let (codes, _) = c.encoder.codes();
         for i in 0..samples {
-            let (z, u) = c.dynamics_input.of(i).split_at_mut(n);
+            let (z, u) = c.dynamics_input.sample(i).split_at_mut(n);
             z.copy_from_slice(&codes[4 * n * i..][..n]);
             u.copy_from_slice(&self.batch.actions[(first + i) * a..][..a]);
         }
@@ -246,7 +246,7 @@ impl<T: Real> Run<'_, T> {
             let noise = &self.batch.noise[(first + i) * 2 * n..][..2 * n];
             let z = &codes[4 * n * i..][..n];
             let predicted = &mut c.dynamics.out[2][2 * n * i..][..n];
-            let decoded = c.decoder_input.of(i);
+            let decoded = c.decoder_input.sample(i);
             for k in 0..n {
                 predicted[k] += z[k];
                 decoded[k] = sigma.fma(noise[k], z[k]);
@@ -264,7 +264,7 @@ impl<T: Real> Run<'_, T> {
             let (logits, delta) = c.decoder.logits();
             let (logits, delta) = (&logits[range.clone()], &mut delta[range]);
             let value = heads::bernoulli(logits, self.batch.pictures, picture, self.mean, delta);
-            c.terms.of(column / 2)[column % 2] = value;
+            c.terms.sample(column / 2)[column % 2] = value;
         }
     }
 
@@ -274,22 +274,22 @@ impl<T: Real> Run<'_, T> {
         let (n, a) = (self.model.sizes.latent, self.model.sizes.action);
         let s = self.settings;
         let inverse = T::of(1.0 / (s.sigma * s.sigma)) * self.mean;
-        c.dynamics.delta[2].fill(T::nil());
+        c.dynamics.delta[2].fill(T::ZERO);
         let (codes, d_codes) = c.encoder.codes();
-        d_codes.fill(T::nil());
+        d_codes.fill(T::ZERO);
         for i in 0..samples {
             let (next, d_next) = (&codes[4 * n * i + 2 * n..][..n], &mut d_codes[4 * n * i + 2 * n..][..n]);
             let predicted = &c.dynamics.out[2][2 * n * i..][..n];
             let d_predicted = &mut c.dynamics.delta[2][2 * n * i..][..n];
-            let d_decoded = &c.d_decoder_input.of(i)[n..];
-            let mut sum = T::nil();
+            let d_decoded = &c.d_decoder_input.sample(i)[n..];
+            let mut sum = T::ZERO;
             for k in 0..n {
                 let rest = predicted[k] - next[k];
                 sum += rest * rest;
                 d_predicted[k] = d_decoded[k] + inverse * rest;
                 d_next[k] -= inverse * rest;
             }
-            c.terms.of(i)[2] = sum * T::of(0.5 / (s.sigma * s.sigma));
+            c.terms.sample(i)[2] = sum * T::of(0.5 / (s.sigma * s.sigma));
         }
         nets.dynamics.backward(arena, &mut c.dynamics, Some(c.d_dynamics_input.data));
         if let Some(drift) = &nets.drift {
@@ -298,11 +298,12 @@ impl<T: Real> Run<'_, T> {
         for i in 0..samples {
             let (codes, d_codes) = (&codes[4 * n * i..][..4 * n], &mut d_codes[4 * n * i..][..4 * n]);
             for k in 0..n {
-                d_codes[k] +=
-                    c.dynamics.delta[2][2 * n * i + k] + c.d_dynamics_input.of(i)[k] + c.d_decoder_input.of(i)[k];
+                d_codes[k] += c.dynamics.delta[2][2 * n * i + k]
+                    + c.d_dynamics_input.sample(i)[k]
+                    + c.d_decoder_input.sample(i)[k];
             }
             let action = &self.batch.actions[(first + i) * a..][..a];
-            c.terms.of(i)[3] = robust_anchor(n, action, s, (codes, d_codes), c.drift.of(i), self.mean);
+            c.terms.sample(i)[3] = robust_anchor(n, action, s, (codes, d_codes), c.drift.sample(i), self.mean);
             let target = T::of(s.sigma).log();
             for (code, d_code) in codes.chunks_exact(2 * n).zip(d_codes.chunks_exact_mut(2 * n)) {
                 for k in 0..n {
@@ -333,12 +334,12 @@ fn robust_anchor<T: Real>(
     let (now, next) = codes.split_at(2 * n);
     let (d_now, d_next) = d_codes.split_at_mut(2 * n);
     let scale = T::of(s.scale);
-    let or_zero = |x: Option<&T>| x.map_or(T::nil(), |&x| x);
+    let or_zero = |x: Option<&T>| x.map_or(T::ZERO, |&x| x);
     let rest = |k: usize| next[k] - now[k] - scale * or_zero(action.get(k)) - or_zero(h.get(k));
-    let squared = (0..n).map(|k| rest(k) * rest(k)).fold(T::nil(), |sum, x| sum + x);
+    let squared = (0..n).map(|k| rest(k) * rest(k)).fold(T::ZERO, |sum, x| sum + x);
     let outlier = T::of(s.outlier * s.outlier);
     let inverse = T::of(1.0 / (s.sigma * s.sigma));
-    let root = (T::unit() + squared * inverse / outlier).root();
+    let root = (T::ONE + squared * inverse / outlier).root();
     let slope = mean * T::of(s.anchor) * inverse / root;
     for k in 0..n {
         d_next[k] += slope * rest(k);
@@ -347,5 +348,5 @@ fn robust_anchor<T: Real>(
     for (k, d_h) in d_h.iter_mut().enumerate() {
         *d_h = -slope * rest(k);
     }
-    T::of(s.anchor) * outlier * (root - T::unit())
+    T::of(s.anchor) * outlier * (root - T::ONE)
 }

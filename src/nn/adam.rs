@@ -32,7 +32,7 @@ const LEAST: f64 = 1e-14;
 impl<T: Real> Adam<T> {
     /// Zero moments for `count` parameters.
     pub fn new(count: usize) -> Self {
-        Self { m: vec![T::nil(); count], v: vec![T::nil(); count], steps: 0 }
+        Self { m: vec![T::ZERO; count], v: vec![T::ZERO; count], steps: 0 }
     }
 
     /// One step along `gradient`.
@@ -88,7 +88,7 @@ fn update<T: Real>(rates: Rates<T>, p: &mut [T], g: &[T], m: &mut [T], v: &mut [
 
 #[inline(always)]
 fn flush<T: Real>(x: T, least: T) -> T {
-    if x < least && -x < least { T::nil() } else { x }
+    if x < least && -x < least { T::ZERO } else { x }
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ pub(crate) struct Block<T> {
 
 impl<T: Real> Block<T> {
     pub(crate) fn new(width: usize, samples: usize) -> Self {
-        Self { width, data: vec![T::nil(); width * samples] }
+        Self { width, data: vec![T::ZERO; width * samples] }
     }
 
     /// The first `samples` samples.
@@ -31,7 +31,7 @@ pub(crate) struct BlockMut<'a, T> {
 
 impl<T> BlockMut<'_, T> {
     /// The entries of one sample.
-    pub(crate) fn of(&mut self, sample: usize) -> &mut [T] {
+    pub(crate) fn sample(&mut self, sample: usize) -> &mut [T] {
         &mut self.data[sample * self.width..][..self.width]
     }
 }
@@ -84,7 +84,7 @@ macro_rules! cut_together {
 pub(crate) use cut_together;
 
 /// Pieces that samples are cut into at most; buffers of which every thread needs its own are there as often.
-pub(crate) const MOST_THREADS: usize = 16;
+pub(crate) const MAX_THREADS: usize = 16;
 
 /// Runs `work` on all samples, cut into as many runs as there are threads. `work` gets the first sample's number.
 pub(crate) fn over_samples<C, F>(threads: usize, first: usize, samples: usize, columns: C, work: &F)
@@ -92,7 +92,7 @@ where
     C: Cut + Send,
     F: Fn(usize, usize, C) + Sync,
 {
-    let threads = threads.min(MOST_THREADS);
+    let threads = threads.min(MAX_THREADS);
     if threads <= 1 || samples < 2 {
         return work(first, samples, columns);
     }

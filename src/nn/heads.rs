@@ -1,6 +1,6 @@
 //! What a network's last layer means: a diagonal Gaussian (means, then log standard deviations) or Bernoulli pixels.
 
-use super::pictures::Pictures;
+use super::binary_images::BinaryImages;
 use crate::num::{Real, simd::vectorize};
 
 /// ln(2 pi) / 2.
@@ -35,7 +35,7 @@ pub fn sample_backward<T: Real>(gaussian: &[T], epsilon: &[T], d_sample: &[T], d
 pub fn kl<T: Real>(q: &[T], p: &[T], weight: T, d_q: &mut [T], d_p: &mut [T]) -> T {
     let n = q.len() / 2;
     let half = T::of(0.5);
-    let mut sum = T::nil();
+    let mut sum = T::ZERO;
     for i in 0..n {
         let difference = q[i] - p[i];
         let inverse = (-(p[n + i] + p[n + i])).e_to();
@@ -44,8 +44,8 @@ pub fn kl<T: Real>(q: &[T], p: &[T], weight: T, d_q: &mut [T], d_p: &mut [T]) ->
         sum += p[n + i] - q[n + i] + half * (ratio + difference * scaled) - half;
         d_q[i] += weight * scaled;
         d_p[i] -= weight * scaled;
-        d_q[n + i] += weight * (ratio - T::unit());
-        d_p[n + i] += weight * (T::unit() - ratio - difference * scaled);
+        d_q[n + i] += weight * (ratio - T::ONE);
+        d_p[n + i] += weight * (T::ONE - ratio - difference * scaled);
     }
     sum
 }
@@ -55,12 +55,12 @@ pub fn kl<T: Real>(q: &[T], p: &[T], weight: T, d_q: &mut [T], d_p: &mut [T]) ->
 pub fn kl_to_unit<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
     let n = q.len() / 2;
     let half = T::of(0.5);
-    let mut sum = T::nil();
+    let mut sum = T::ZERO;
     for i in 0..n {
         let variance = (q[n + i] + q[n + i]).e_to();
-        sum += half * (variance + q[i] * q[i] - T::unit()) - q[n + i];
+        sum += half * (variance + q[i] * q[i] - T::ONE) - q[n + i];
         d_q[i] += weight * q[i];
-        d_q[n + i] += weight * (variance - T::unit());
+        d_q[n + i] += weight * (variance - T::ONE);
     }
     sum
 }
@@ -69,7 +69,7 @@ pub fn kl_to_unit<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
 #[inline(always)]
 pub fn entropy<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
     let n = q.len() / 2;
-    let mut sum = T::nil();
+    let mut sum = T::ZERO;
     for i in 0..n {
         sum += q[n + i] + T::of(HALF_LN_TAU + 0.5);
         d_q[n + i] += weight;
@@ -81,7 +81,7 @@ pub fn entropy<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
 #[inline(always)]
 pub fn log_density<T: Real>(z: &[T], gaussian: &[T], weight: T, d_z: &mut [T], d_gaussian: &mut [T]) -> T {
     let n = z.len();
-    let mut sum = T::nil();
+    let mut sum = T::ZERO;
     for i in 0..n {
         let inverse = (-gaussian[n + i]).e_to();
         let unit = (z[i] - gaussian[i]) * inverse;
@@ -89,26 +89,26 @@ pub fn log_density<T: Real>(z: &[T], gaussian: &[T], weight: T, d_z: &mut [T], d
         let slope = weight * unit * inverse;
         d_z[i] -= slope;
         d_gaussian[i] += slope;
-        d_gaussian[n + i] += weight * (unit * unit - T::unit());
+        d_gaussian[n + i] += weight * (unit * unit - T::ONE);
     }
     sum
 }
 
-/// -ln of the probability of a picture under Bernoulli pixels with these logits, one for each entry that networks read.
+/// -ln of the probability of an image under Bernoulli pixels with these logits, one for each entry that networks read.
 /// Sets delta = weight * (area * sigmoid(logits) - lit), `weight` times its gradient.
-pub fn bernoulli<T: Real>(logits: &[T], pictures: &Pictures, picture: u32, weight: T, delta: &mut [T]) -> T {
-    let area = T::of(pictures.area() as f64);
+pub fn bernoulli<T: Real>(logits: &[T], images: &BinaryImages, image: u32, weight: T, delta: &mut [T]) -> T {
+    let area = T::of(images.area() as f64);
     let steepness = weight * area;
     // Sixteen interleaved sums, added in order: the same bits however wide the vectors are. ln(1 + e^-|l|) is summed as
     // the logarithm of a product of up to 64 factors, each at most 2.
-    let (mut positive, mut logarithms) = ([T::nil(); 16], [T::nil(); 16]);
+    let (mut positive, mut logarithms) = ([T::ZERO; 16], [T::ZERO; 16]);
     let (logits_16, logits_rest) = logits.as_chunks::<16>();
     let (delta_16, delta_rest) = delta.as_chunks_mut::<16>();
     vectorize(
         #[inline(always)]
         || {
             for (logits, delta) in logits_16.chunks(64).zip(delta_16.chunks_mut(64)) {
-                let mut product = [T::unit(); 16];
+                let mut product = [T::ONE; 16];
                 for (logits, delta) in logits.iter().zip(delta) {
                     for i in 0..16 {
                         let (factor, above) = sigmoid(logits[i], steepness, &mut delta[i]);
@@ -127,9 +127,9 @@ pub fn bernoulli<T: Real>(logits: &[T], pictures: &Pictures, picture: u32, weigh
         logarithms[i] += factor.log();
         positive[i] += above;
     }
-    let sum = |lanes: [T; 16]| lanes.into_iter().fold(T::nil(), |sum, lane| sum + lane);
+    let sum = |lanes: [T; 16]| lanes.into_iter().fold(T::ZERO, |sum, lane| sum + lane);
     let mut value = area * (sum(positive) + sum(logarithms));
-    for (entry, count) in pictures.lit(picture) {
+    for (entry, count) in images.lit(image) {
         let count = T::of(count as f64);
         delta[entry] -= weight * count;
         value -= logits[entry] * count;
@@ -142,9 +142,9 @@ pub fn bernoulli<T: Real>(logits: &[T], pictures: &Pictures, picture: u32, weigh
 fn sigmoid<T: Real>(l: T, weight: T, delta: &mut T) -> (T, T) {
     // Beyond this gradients of pixels that are never lit would become subnormal.
     let steepest = T::of(50.0);
-    let above = l.larger(T::nil());
+    let above = l.larger(T::ZERO);
     let e = (l - above - above).larger(-steepest).e_to();
-    let factor = T::unit() + e;
-    *delta = weight * (if l > T::nil() { T::unit() } else { e }) / factor;
+    let factor = T::ONE + e;
+    *delta = weight * (if l > T::ZERO { T::ONE } else { e }) / factor;
     (factor, above)
 }

@@ -10,22 +10,22 @@ use crate::num::Real;
 
 /// Whether a product replaces or adds to what is there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Into {
+pub enum Accumulate {
     /// out = product
     Replace,
     /// out += product
     Add,
 }
 
-fn accum(into: Into) -> Accum {
-    match into {
-        Into::Replace => Accum::Replace,
-        Into::Add => Accum::Add,
+fn accum(accumulate: Accumulate) -> Accum {
+    match accumulate {
+        Accumulate::Replace => Accum::Replace,
+        Accumulate::Add => Accum::Add,
     }
 }
 
 /// out \[m, n\] = w \[m, k\] x \[k, n\].
-pub fn product<T: Real>(out: &mut [T], into: Into, w: &[T], x: &[T], (m, k, n): (usize, usize, usize)) {
+pub fn product<T: Real>(out: &mut [T], accumulate: Accumulate, w: &[T], x: &[T], (m, k, n): (usize, usize, usize)) {
     assert!(out.len() == m * n && w.len() == m * k && x.len() == k * n, "shapes of a product");
     if n == 0 {
         return;
@@ -33,11 +33,11 @@ pub fn product<T: Real>(out: &mut [T], into: Into, w: &[T], x: &[T], (m, k, n): 
     if m == 1 {
         for (y, x) in out.iter_mut().zip(x.chunks_exact(k)) {
             let dot = dot(w, x);
-            *y = if into == Into::Add { *y + dot } else { dot };
+            *y = if accumulate == Accumulate::Add { *y + dot } else { dot };
         }
     } else if n == 1 {
-        if into == Into::Replace {
-            out.fill(T::nil());
+        if accumulate == Accumulate::Replace {
+            out.fill(T::ZERO);
         }
         crate::num::simd::vectorize(
             #[inline(always)]
@@ -53,12 +53,18 @@ pub fn product<T: Real>(out: &mut [T], into: Into, w: &[T], x: &[T], (m, k, n): 
         let out = MatMut::from_column_major_slice_mut(out, m, n);
         let w = MatRef::from_column_major_slice(w, m, k);
         let x = MatRef::from_column_major_slice(x, k, n);
-        matmul(out, accum(into), w, x, T::unit(), Par::Seq);
+        matmul(out, accum(accumulate), w, x, T::ONE, Par::Seq);
     }
 }
 
 /// out \[k, n\] = wᵀ dy for w \[m, k\] and dy \[m, n\].
-pub fn product_transposed<T: Real>(out: &mut [T], into: Into, w: &[T], dy: &[T], (m, k, n): (usize, usize, usize)) {
+pub fn product_transposed<T: Real>(
+    out: &mut [T],
+    accumulate: Accumulate,
+    w: &[T],
+    dy: &[T],
+    (m, k, n): (usize, usize, usize),
+) {
     assert!(out.len() == k * n && w.len() == m * k && dy.len() == m * n, "shapes of a product");
     if n == 0 {
         return;
@@ -66,26 +72,26 @@ pub fn product_transposed<T: Real>(out: &mut [T], into: Into, w: &[T], dy: &[T],
     if m == 1 {
         for (out, &dy) in out.chunks_exact_mut(k).zip(dy) {
             for (x, &w) in out.iter_mut().zip(w) {
-                *x = if into == Into::Add { w.fma(dy, *x) } else { w * dy };
+                *x = if accumulate == Accumulate::Add { w.fma(dy, *x) } else { w * dy };
             }
         }
     } else if n == 1 || k == 1 {
         for (out, dy) in out.chunks_exact_mut(k).zip(dy.chunks_exact(m)) {
             for (x, w) in out.iter_mut().zip(w.chunks_exact(m)) {
                 let dot = dot(w, dy);
-                *x = if into == Into::Add { *x + dot } else { dot };
+                *x = if accumulate == Accumulate::Add { *x + dot } else { dot };
             }
         }
     } else {
         let out = MatMut::from_column_major_slice_mut(out, k, n);
         let w = MatRef::from_column_major_slice(w, m, k);
         let dy = MatRef::from_column_major_slice(dy, m, n);
-        matmul(out, accum(into), w.transpose(), dy, T::unit(), Par::Seq);
+        matmul(out, accum(accumulate), w.transpose(), dy, T::ONE, Par::Seq);
     }
 }
 
 /// The columns `first..` of dy xᵀ: dw \[m, k'\] = dy \[m, n\] (rows first..first+k' of x \[k, n\])ᵀ.
-pub fn outer<T: Real>(dw: &mut [T], into: Into, dy: &[T], x: &[T], m: usize, k: usize, first: usize) {
+pub fn outer<T: Real>(dw: &mut [T], accumulate: Accumulate, dy: &[T], x: &[T], m: usize, k: usize, first: usize) {
     let columns = dw.len() / m;
     let n = dy.len() / m;
     assert!(dw.len() == m * columns && x.len() == k * n && first + columns <= k, "shapes of an outer product");
@@ -93,8 +99,8 @@ pub fn outer<T: Real>(dw: &mut [T], into: Into, dy: &[T], x: &[T], m: usize, k: 
         return;
     }
     if m == 1 || columns == 1 || n == 1 {
-        if into == Into::Replace {
-            dw.fill(T::nil());
+        if accumulate == Accumulate::Replace {
+            dw.fill(T::ZERO);
         }
         crate::num::simd::vectorize(
             #[inline(always)]
@@ -120,13 +126,13 @@ pub fn outer<T: Real>(dw: &mut [T], into: Into, dy: &[T], x: &[T], m: usize, k: 
         let dw = MatMut::from_column_major_slice_mut(dw, m, columns);
         let dy = MatRef::from_column_major_slice(dy, m, n);
         let x = MatRef::from_column_major_slice(x, k, n).subrows(first, columns);
-        matmul(dw, accum(into), dy, x.transpose(), T::unit(), Par::Seq);
+        matmul(dw, accum(accumulate), dy, x.transpose(), T::ONE, Par::Seq);
     }
 }
 
 /// A dot product in sixteen interleaved chains, added in order.
 fn dot<T: Real>(a: &[T], b: &[T]) -> T {
-    let mut lanes = [T::nil(); 16];
+    let mut lanes = [T::ZERO; 16];
     let (a16, a_rest) = a.as_chunks::<16>();
     let (b16, b_rest) = b.as_chunks::<16>();
     crate::num::simd::vectorize(
@@ -139,7 +145,7 @@ fn dot<T: Real>(a: &[T], b: &[T]) -> T {
             }
         },
     );
-    let mut sum = lanes.into_iter().fold(T::nil(), |sum, lane| sum + lane);
+    let mut sum = lanes.into_iter().fold(T::ZERO, |sum, lane| sum + lane);
     for (&a, &b) in a_rest.iter().zip(b_rest) {
         sum = a.fma(b, sum);
     }
@@ -171,15 +177,15 @@ mod tests {
             let (w, x, dy) = (random::<f64>(m * k, 1), random::<f64>(k * n, 2), random::<f64>(m * n, 3));
             let near = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-11);
             let mut out = vec![9.0; m * n];
-            product(&mut out, Into::Replace, &w, &x, shape);
+            product(&mut out, Accumulate::Replace, &w, &x, shape);
             assert!(near(&out, &naive(&w, &x, shape)), "{shape:?}");
             // <dy, W x> = <Wᵀ dy, x> = <dy xᵀ, W>: both transposes against the product.
             let inner = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
             let mut back = vec![9.0; k * n];
-            product_transposed(&mut back, Into::Replace, &w, &dy, shape);
+            product_transposed(&mut back, Accumulate::Replace, &w, &dy, shape);
             assert!((inner(&dy, &out) - inner(&back, &x)).abs() < 1e-9, "{shape:?}");
             let mut dw = vec![9.0; m * k];
-            outer(&mut dw, Into::Replace, &dy, &x, m, k, 0);
+            outer(&mut dw, Accumulate::Replace, &dy, &x, m, k, 0);
             assert!((inner(&dy, &out) - inner(&dw, &w)).abs() < 1e-9, "{shape:?}");
         }
     }
@@ -191,22 +197,22 @@ mod tests {
         {
             let (w, x) = (random::<f32>(m * k, 1), random::<f32>(k * n, 2));
             let mut whole = vec![0.0; m * n];
-            product(&mut whole, Into::Replace, &w, &x, (m, k, n));
+            product(&mut whole, Accumulate::Replace, &w, &x, (m, k, n));
             for parts in [2, 3, 4, 8] {
                 let mut split = vec![0.0; m * n];
                 for part in 0..parts {
                     let (low, high) = (n * part / parts, n * (part + 1) / parts);
                     let shape = (m, k, high - low);
-                    product(&mut split[low * m..high * m], Into::Replace, &w, &x[low * k..high * k], shape);
+                    product(&mut split[low * m..high * m], Accumulate::Replace, &w, &x[low * k..high * k], shape);
                 }
                 assert!(whole == split, "{m}x{k}x{n} in {parts} parts");
             }
             let dy = random::<f32>(m * n, 3);
             let (mut whole, mut split) = (vec![0.0; m * k], vec![0.0; m * k]);
-            outer(&mut whole, Into::Replace, &dy, &x, m, k, 0);
+            outer(&mut whole, Accumulate::Replace, &dy, &x, m, k, 0);
             let (left, right) = split.split_at_mut(k / 2 * m);
-            outer(left, Into::Replace, &dy, &x, m, k, 0);
-            outer(right, Into::Replace, &dy, &x, m, k, k / 2);
+            outer(left, Accumulate::Replace, &dy, &x, m, k, 0);
+            outer(right, Accumulate::Replace, &dy, &x, m, k, k / 2);
             assert!(whole == split, "outer {m}x{k}x{n}");
         }
     }

@@ -4,7 +4,7 @@
 //! per sample, so a batch may be cut into columns at will; gradients of weights are taken afterwards over all columns
 //! at once, so no sum depends on how the batch was cut.
 
-use super::mat::{self, Into};
+use super::mat::{self, Accumulate};
 use crate::num::rng::Rng;
 use crate::num::{Real, join, sampling, simd::vectorize};
 
@@ -35,12 +35,12 @@ pub struct Layout {
 
 impl Layout {
     /// A place for an affine layer.
-    pub fn linear(&mut self, name: impl core::convert::Into<String>, n_in: usize, n_out: usize) -> Linear {
+    pub fn linear(&mut self, name: impl Into<String>, n_in: usize, n_out: usize) -> Linear {
         self.conv(name, n_in, n_out, n_in)
     }
 
     /// The same with another bound of its first random weights, as transposed convolutions have it.
-    pub fn conv(&mut self, name: impl core::convert::Into<String>, n_in: usize, n_out: usize, fan_in: usize) -> Linear {
+    pub fn conv(&mut self, name: impl Into<String>, n_in: usize, n_out: usize, fan_in: usize) -> Linear {
         let linear = Linear { n_in, n_out, fan_in, at: self.len };
         self.len += linear.len();
         self.layers.push((name.into(), linear));
@@ -61,7 +61,7 @@ impl Layout {
 
     /// Parameters drawn from U(-1/sqrt(fan_in), 1/sqrt(fan_in)), weights and biases alike.
     pub fn initialize<T: Real>(&self, rng: &mut Rng) -> Vec<T> {
-        let mut arena = vec![T::nil(); self.len];
+        let mut arena = vec![T::ZERO; self.len];
         for (_, linear) in &self.layers {
             let bound = (1.0 / linear.fan_in as f64).sqrt() as f32;
             for p in &mut arena[linear.at..linear.at + linear.len()] {
@@ -101,35 +101,43 @@ impl Linear {
     /// y = W x + b for every column, then ReLU where asked.
     pub fn forward<T: Real>(&self, arena: &[T], x: &[T], y: &mut [T], relu: bool) {
         let columns = y.len() / self.n_out;
-        mat::product(y, Into::Replace, self.w(arena), x, (self.n_out, self.n_in, columns));
+        mat::product(y, Accumulate::Replace, self.w(arena), x, (self.n_out, self.n_in, columns));
         add_bias(y, self.b(arena), relu);
     }
 
     /// dx = Wᵀ dy for every column.
     pub fn backward<T: Real>(&self, arena: &[T], dy: &[T], dx: &mut [T]) {
         let columns = dy.len() / self.n_out;
-        mat::product_transposed(dx, Into::Replace, self.w(arena), dy, (self.n_out, self.n_in, columns));
+        mat::product_transposed(dx, Accumulate::Replace, self.w(arena), dy, (self.n_out, self.n_in, columns));
     }
 
     /// Adds or sets dW = Σ dy xᵀ and db = Σ dy.
-    pub fn gradient<T: Real>(&self, threads: usize, gradient: &mut [T], into: Into, x: &[T], dy: &[T]) {
+    pub fn gradient<T: Real>(&self, threads: usize, gradient: &mut [T], accumulate: Accumulate, x: &[T], dy: &[T]) {
         let (dw, db) = self.w_b_mut(gradient);
-        self.weight_gradient(threads, dw, into, x, dy, 0);
-        sum_columns(db, into, dy);
+        self.weight_gradient(threads, dw, accumulate, x, dy, 0);
+        sum_columns(db, accumulate, dy);
     }
 
     /// Adds or sets dW = Σ dy xᵀ, from column `first` of W.
-    pub fn weight_gradient<T: Real>(&self, threads: usize, dw: &mut [T], into: Into, x: &[T], dy: &[T], first: usize) {
+    pub fn weight_gradient<T: Real>(
+        &self,
+        threads: usize,
+        dw: &mut [T],
+        accumulate: Accumulate,
+        x: &[T],
+        dy: &[T],
+        first: usize,
+    ) {
         let columns = dw.len() / self.n_out;
         if threads > 1 && columns > 1 && columns * dy.len() > WORTH_A_THREAD {
             let (left, right) = dw.split_at_mut(columns / 2 * self.n_out);
             join(
                 threads,
-                || self.weight_gradient(threads / 2, left, into, x, dy, first),
-                || self.weight_gradient(threads - threads / 2, right, into, x, dy, first + columns / 2),
+                || self.weight_gradient(threads / 2, left, accumulate, x, dy, first),
+                || self.weight_gradient(threads - threads / 2, right, accumulate, x, dy, first + columns / 2),
             );
         } else {
-            mat::outer(dw, into, dy, x, self.n_out, self.n_in, first);
+            mat::outer(dw, accumulate, dy, x, self.n_out, self.n_in, first);
         }
     }
 }
@@ -142,7 +150,7 @@ pub fn add_bias<T: Real>(y: &mut [T], b: &[T], relu: bool) {
             for y in y.chunks_exact_mut(b.len()) {
                 if relu {
                     for (y, &b) in y.iter_mut().zip(b) {
-                        *y = (*y + b).larger(T::nil());
+                        *y = (*y + b).larger(T::ZERO);
                     }
                 } else {
                     for (y, &b) in y.iter_mut().zip(b) {
@@ -160,7 +168,7 @@ pub fn rectify<T: Real>(x: &mut [T]) {
         #[inline(always)]
         || {
             for x in x {
-                *x = x.larger(T::nil());
+                *x = x.larger(T::ZERO);
             }
         },
     );
@@ -172,16 +180,16 @@ pub fn mask<T: Real>(delta: &mut [T], out: &[T]) {
         #[inline(always)]
         || {
             for (delta, &out) in delta.iter_mut().zip(out) {
-                *delta = if out > T::nil() { *delta } else { T::nil() };
+                *delta = if out > T::ZERO { *delta } else { T::ZERO };
             }
         },
     );
 }
 
 /// Adds or sets the sum over columns.
-pub fn sum_columns<T: Real>(sum: &mut [T], into: Into, columns: &[T]) {
-    if into == Into::Replace {
-        sum.fill(T::nil());
+pub fn sum_columns<T: Real>(sum: &mut [T], accumulate: Accumulate, columns: &[T]) {
+    if accumulate == Accumulate::Replace {
+        sum.fill(T::ZERO);
     }
     vectorize(
         #[inline(always)]
@@ -219,7 +227,7 @@ impl<T: Real, const L: usize> Pass<T, L> {
 
     /// Room for `samples` samples for which each layer puts out so many numbers.
     pub fn of_widths(widths: [usize; L], samples: usize) -> Self {
-        let room = || widths.map(|width| vec![T::nil(); width * samples]);
+        let room = || widths.map(|width| vec![T::ZERO; width * samples]);
         Self { widths, out: room(), delta: room() }
     }
 
@@ -321,9 +329,16 @@ impl<const L: usize> Mlp<L> {
     }
 
     /// Gradients of all weights; `x` is the dense input.
-    pub fn gradient<T: Real>(&self, threads: usize, gradient: &mut [T], into: Into, x: &[T], pass: &PassMut<'_, T, L>) {
-        self.layers[0].gradient(threads, gradient, into, x, pass.delta[0]);
-        self.gradient_from_second(threads, gradient, into, pass);
+    pub fn gradient<T: Real>(
+        &self,
+        threads: usize,
+        gradient: &mut [T],
+        accumulate: Accumulate,
+        x: &[T],
+        pass: &PassMut<'_, T, L>,
+    ) {
+        self.layers[0].gradient(threads, gradient, accumulate, x, pass.delta[0]);
+        self.gradient_from_second(threads, gradient, accumulate, pass);
     }
 
     /// Gradients of the weights after the first layer.
@@ -331,11 +346,11 @@ impl<const L: usize> Mlp<L> {
         &self,
         threads: usize,
         gradient: &mut [T],
-        into: Into,
+        accumulate: Accumulate,
         pass: &PassMut<'_, T, L>,
     ) {
         for i in 1..L {
-            self.layers[i].gradient(threads, gradient, into, pass.out[i - 1], pass.delta[i]);
+            self.layers[i].gradient(threads, gradient, accumulate, pass.out[i - 1], pass.delta[i]);
         }
     }
 
@@ -345,7 +360,7 @@ impl<const L: usize> Mlp<L> {
             let (before, after) = pass.out.split_at_mut(i);
             let x = if i == 0 { tangent } else { &*before[i - 1] };
             let (layer, columns) = (self.layers[i], after[0].len() / self.layers[i].n_out);
-            mat::product(after[0], Into::Replace, layer.w(arena), x, (layer.n_out, layer.n_in, columns));
+            mat::product(after[0], Accumulate::Replace, layer.w(arena), x, (layer.n_out, layer.n_in, columns));
             if i + 1 < L {
                 mask(after[0], at.out[i]);
             }
@@ -366,7 +381,7 @@ impl<const L: usize> Mlp<L> {
         for i in 0..L {
             let (dw, _) = self.layers[i].w_b_mut(gradient);
             let x = if i == 0 { tangent } else { &*pass.out[i - 1] };
-            self.layers[i].weight_gradient(1, dw, Into::Add, x, pass.delta[i], 0);
+            self.layers[i].weight_gradient(1, dw, Accumulate::Add, x, pass.delta[i], 0);
         }
     }
 }

@@ -29,6 +29,11 @@ pub trait Real:
     + super::simd::Lanes
     + 'static
 {
+    /// 0.
+    const ZERO: Self;
+    /// 1.
+    const ONE: Self;
+
     /// The nearest number of this kind.
     fn of(value: f64) -> Self;
     /// The value in double precision.
@@ -46,14 +51,6 @@ pub trait Real:
     /// self * a + b, rounded once.
     fn fma(self, a: Self, b: Self) -> Self;
 
-    /// Zero.
-    fn nil() -> Self {
-        Self::of(0.0)
-    }
-    /// One.
-    fn unit() -> Self {
-        Self::of(1.0)
-    }
     /// The larger of two numbers.
     fn larger(self, other: Self) -> Self {
         if self > other { self } else { other }
@@ -67,6 +64,9 @@ pub trait Real:
 macro_rules! real {
     ($ty:ty, $exp:expr, $ln:expr, $ln_1p:expr, $tanh:expr) => {
         impl Real for $ty {
+            const ZERO: Self = 0.0;
+            const ONE: Self = 1.0;
+
             #[inline(always)]
             fn of(value: f64) -> Self {
                 value as $ty

@@ -110,14 +110,14 @@ impl RollOut<'_> {
         let tuple = |i: usize| &self.tuples[(first + i) * width..][..width];
         let alpha = self.agent.temperature();
         for i in 0..samples {
-            c.target.of(i)[0] = self.settings.reward.of(&tuple(i)[n..n + a], c.z.of(i), &tuple(i)[2 * n + a..]);
+            c.target.sample(i)[0] = self.settings.reward.of(&tuple(i)[n..n + a], c.z.sample(i), &tuple(i)[2 * n + a..]);
         }
         let mut discount = 1.0_f32;
         let ends = self.settings.rollout + usize::from(self.settings.bootstrap);
         for step in 0..ends {
             discount *= self.settings.discount as f32;
             for i in 0..samples {
-                self.agent.input(c.z.of(i), &tuple(i)[2 * n + a..], c.inputs.of(i));
+                self.agent.input(c.z.sample(i), &tuple(i)[2 * n + a..], c.inputs.sample(i));
             }
             self.agent.nets.actor.1.forward(&self.agent.actor.arena, c.inputs.data, &mut c.actor);
             let step_noise = &self.noise[step * BATCH * (a + n)..][..BATCH * (a + n)];
@@ -125,10 +125,10 @@ impl RollOut<'_> {
                 let epsilon = &step_noise[(first + i) * (a + n)..][..a + n];
                 let gaussian = &mut c.actor.out[2][i * 2 * a..][..2 * a];
                 clamp_log_sigma(&mut gaussian[a..]);
-                let (z, action) = c.z_u.of(i).split_at_mut(n);
+                let (z, action) = c.z_u.sample(i).split_at_mut(n);
                 let log_pi = squash(gaussian, &epsilon[..a], action);
-                z.copy_from_slice(c.z.of(i));
-                c.target.of(i)[0] -= discount * alpha * log_pi;
+                z.copy_from_slice(c.z.sample(i));
+                c.target.sample(i)[0] -= discount * alpha * log_pi;
             }
             if step == self.settings.rollout {
                 self.add_values(samples, discount, c);
@@ -138,13 +138,13 @@ impl RollOut<'_> {
             for i in 0..samples {
                 let epsilon = &step_noise[(first + i) * (a + n) + a..][..n];
                 let gaussian = &c.dynamics.out[2][i * 2 * n..][..2 * n];
-                let z = c.z.of(i);
+                let z = c.z.sample(i);
                 for k in 0..n {
                     let moved = gaussian[n + k].e_to().mul_add(epsilon[k], z[k] + gaussian[k]);
                     z[k] = moved.clamp(self.low[k], self.high[k]);
                 }
-                let reward = self.settings.reward.of(&c.z_u.of(i)[n..], c.z.of(i), &tuple(i)[2 * n + a..]);
-                c.target.of(i)[0] += discount * reward;
+                let reward = self.settings.reward.of(&c.z_u.sample(i)[n..], c.z.sample(i), &tuple(i)[2 * n + a..]);
+                c.target.sample(i)[0] += discount * reward;
             }
         }
     }
@@ -153,9 +153,9 @@ impl RollOut<'_> {
     fn add_values(&self, samples: usize, discount: f32, c: &mut RolloutMut<'_, f32>) {
         let (n, a) = (self.agent.latent, self.agent.action);
         for i in 0..samples {
-            let input = c.critic_inputs.of(i);
-            input[..2 * n].copy_from_slice(c.inputs.of(i));
-            input[2 * n..].copy_from_slice(&c.z_u.of(i)[n..n + a]);
+            let input = c.critic_inputs.sample(i);
+            input[..2 * n].copy_from_slice(c.inputs.sample(i));
+            input[2 * n..].copy_from_slice(&c.z_u.sample(i)[n..n + a]);
         }
         let [target_0, target_1] = &self.agent.targets;
         let net = &self.agent.nets.critic.1;
@@ -165,7 +165,7 @@ impl RollOut<'_> {
         delta[..samples].copy_from_slice(&out[..samples]);
         net.forward(target_1, c.critic_inputs.data, &mut c.critic);
         for i in 0..samples {
-            c.target.of(i)[0] += discount * c.critic.out[2][i].min(c.critic.delta[2][i]);
+            c.target.sample(i)[0] += discount * c.critic.out[2][i].min(c.critic.delta[2][i]);
         }
     }
 }

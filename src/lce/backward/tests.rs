@@ -10,7 +10,7 @@ struct Case {
     arena: Vec<f64>,
     z: Vec<f64>,
     u: Vec<f64>,
-    pictures: Pictures,
+    pictures: BinaryImages,
     /// The loss is the sum of the Gaussians' entries with these weights.
     weights: Vec<f64>,
 }
@@ -35,7 +35,7 @@ impl Case {
         let net = Backward::new(&mut layout, &sizes);
         let frames: Vec<u8> =
             (0..SAMPLES * sizes.pixels).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
-        let mut pictures = Pictures::new(&frames[..sizes.pixels]);
+        let mut pictures = BinaryImages::new(&frames[..sizes.pixels]);
         pictures.extend(&frames);
         let arena = layout.initialize(&mut rng);
         let mut random = |count: usize| (0..count).map(|_| f64::from(sampling::uniform(&mut rng, -1.0, 1.0))).collect();

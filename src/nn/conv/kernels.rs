@@ -1,4 +1,4 @@
-//! The two loops of a convolution, over pictures that lie as rows of pixels of channels (NHWC) with their border of
+//! The two loops of a convolution, over images that lie as rows of pixels of channels (NHWC) with their border of
 //! zeros in place.
 //!
 //! Every entry is one chain of fused multiply-adds, over taps and then channels or over pixels, so neither the size of
@@ -156,7 +156,7 @@ impl<T: Real> Correlate<'_, T> {
         let w = &self.w[g.at(0, 0, channel / g.block() * g.block())..];
         let x = &self.x[row * g.in_row + column * STEP..];
         for (&tap, w) in g.taps.iter().zip(w.chunks_exact(C_IN * g.block())) {
-            let x: &[[T; STEP]; P] = x[tap..].as_chunks::<STEP>().0.first_chunk().expect("a tile within the picture");
+            let x: &[[T; STEP]; P] = x[tap..].as_chunks::<STEP>().0.first_chunk().expect("a tile within the image");
             let w = &T::cut::<S>(w)[first..];
             for (i, w) in (0..C_IN).zip(w.chunks(vectors)) {
                 let w = &w[..V];
@@ -169,7 +169,7 @@ impl<T: Real> Correlate<'_, T> {
             }
         }
         let y = &mut self.y[g.out_start + row * g.out_row + column * g.out_column + channel..];
-        let zero = T::splat(simd, T::nil());
+        let zero = T::splat(simd, T::ZERO);
         for p in 0..P {
             let y = &mut T::cut_mut::<S>(&mut y[p * g.out_column..])[..V];
             for v in 0..V {

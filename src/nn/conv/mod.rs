@@ -1,27 +1,27 @@
-//! Convolutions of small pictures (paper, appendix "Network Architectures"): 5x5, padded by 2, of stride 1 or 2, or
+//! Convolutions of small images (paper, appendix "Network Architectures"): 5x5, padded by 2, of stride 1 or 2, or
 //! after nearest-neighbour upsampling by 2.
 //!
-//! Upsampling is never carried out. Each 2x2 block of its picture repeats one pixel, so the four outputs of such a block
-//! are four 3x3 convolutions of the small picture with sums of the 5x5 weights: 9/25 of the work, and exact. What a
+//! Upsampling is never carried out. Each 2x2 block of its image repeats one pixel, so the four outputs of such a block
+//! are four 3x3 convolutions of the small image with sums of the 5x5 weights: 9/25 of the work, and exact. What a
 //! layer computes is then a plain convolution (its *core*) whose channels are a block of pixels times the true channels.
 //!
-//! Pictures are rows of pixels of channels; channels are filled up with zeros to a multiple of 16.
+//! Images are rows of pixels of channels; channels are filled up with zeros to a multiple of 16.
 
+mod active_rows;
 mod kernels;
-mod lit;
-mod lit_stack;
-mod shares;
-mod spans;
+mod shard_sums;
+mod sparse;
+mod sparse_stack;
 mod stack;
 #[cfg(test)]
 mod tests;
 
-pub use lit_stack::{LitMut, LitPass, LitReady, LitStack};
-pub use shares::Shares;
+pub use shard_sums::ShardSums;
+pub use sparse_stack::{SparseConvMut, SparseConvPass, SparseConvStack, SparseConvWeights};
 pub use stack::{Stack, StackMut, StackPass};
 
+use active_rows::ActiveRows;
 use kernels::{Grid, correlate};
-use spans::Spans;
 
 use super::mlp::{Layout, Linear};
 use crate::num::Real;
@@ -29,7 +29,7 @@ use crate::num::Real;
 /// Side of the paper's filters.
 const SIDE: usize = 5;
 
-/// What a layer does to the size of a picture.
+/// What a layer does to the size of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resize {
     /// Keeps one pixel of each block of so many squared: the stride.
@@ -135,7 +135,7 @@ fn filled(channels: usize) -> usize {
 }
 
 impl Conv {
-    /// A layer on pictures of `input` rows and columns. `fan_in` bounds its first random weights.
+    /// A layer on images of `input` rows and columns. `fan_in` bounds its first random weights.
     pub fn new(
         layout: &mut Layout,
         name: impl Into<String>,
@@ -227,7 +227,7 @@ impl Conv {
         [0, 1].map(|axis| self.core[axis] * self.block[axis])
     }
 
-    /// Numbers that the core puts out for a picture.
+    /// Numbers that the core puts out for an image.
     pub fn width(&self) -> usize {
         self.core[0] * self.core[1] * self.forward.c_out
     }
@@ -246,9 +246,9 @@ impl Conv {
     }
 
     /// The core's weights and biases from those of the layer; once a step.
-    fn prepare<T: Real>(&self, arena: &[T], kernels: &mut Kernels<T>) {
+    fn pack<T: Real>(&self, arena: &[T], kernels: &mut PackedWeights<T>) {
         let (w, b, [c_in, c_out]) = (self.weights.w(arena), self.weights.b(arena), self.channels);
-        kernels.forward.fill(T::nil());
+        kernels.forward.fill(T::ZERO);
         for &[tap, core, block] in &self.folds {
             for i in 0..c_in {
                 let at = self.forward.at(core, i, block * c_out);
@@ -277,7 +277,7 @@ impl Conv {
     fn unfold<T: Real>(&self, d_core: &[T], d_bias: &[T], gradient: &mut [T]) {
         let [c_in, c_out] = self.channels;
         let (dw, db) = self.weights.w_b_mut(gradient);
-        dw.fill(T::nil());
+        dw.fill(T::ZERO);
         for &[tap, core, block] in &self.folds {
             for i in 0..c_in {
                 let at = self.forward.at(core, i, block * c_out);
@@ -286,7 +286,7 @@ impl Conv {
                 }
             }
         }
-        db.fill(T::nil());
+        db.fill(T::ZERO);
         for block in d_bias.chunks_exact(c_out).take(self.block[0] * self.block[1]) {
             for (sum, &d) in db.iter_mut().zip(block) {
                 *sum += d;
@@ -333,20 +333,20 @@ impl Conv {
         });
     }
 
-    /// Writes one of the pictures `flat`, pixel by pixel, into the padded input.
-    pub fn fill<T: Copy>(&self, flat: &[T], picture: usize, input: &mut [T]) {
+    /// Writes one of the images `flat`, pixel by pixel, into the padded input.
+    pub fn fill<T: Copy>(&self, flat: &[T], image: usize, input: &mut [T]) {
         let ([rows, columns], c) = (self.input, self.channels[0]);
-        let flat = &flat[picture * rows * columns * c..][..rows * columns * c];
+        let flat = &flat[image * rows * columns * c..][..rows * columns * c];
         for (pixel, channels) in flat.chunks_exact(c).enumerate() {
             let at = self.input_at(pixel / columns, pixel % columns);
             input[at..at + c].copy_from_slice(channels);
         }
     }
 
-    /// The gradient with respect to one of the pictures, as they lie in [`Conv::fill`], from that without borders.
-    pub fn take<T: Copy>(&self, d_input: &[T], d_flat: &mut [T], picture: usize) {
+    /// The gradient with respect to one of the images, as they lie in [`Conv::fill`], from that without borders.
+    pub fn take<T: Copy>(&self, d_input: &[T], d_flat: &mut [T], image: usize) {
         let ([rows, columns], c) = (self.input, self.channels[0]);
-        let d_flat = &mut d_flat[picture * rows * columns * c..][..rows * columns * c];
+        let d_flat = &mut d_flat[image * rows * columns * c..][..rows * columns * c];
         for (d_flat, d) in d_flat.chunks_exact_mut(c).zip(d_input.chunks_exact(self.forward.c_in)) {
             d_flat.copy_from_slice(&d[..c]);
         }
@@ -372,25 +372,25 @@ impl Conv {
         (&padded[self.delta_at(0, 0)..], self.delta_padded[1] * self.forward.c_out)
     }
 
-    /// The gradient with respect to the layer's input, without borders, from padded deltas; within `spans`, where they are
+    /// The gradient with respect to the layer's input, without borders, from padded deltas; within `active_rows`, where they are
     /// given, for which `runs` is room.
     fn d_input<T: Real>(
         &self,
-        kernels: &Kernels<T>,
+        kernels: &PackedWeights<T>,
         padded: &[T],
-        mut within: Option<(&Spans, &mut Vec<[usize; 2]>)>,
+        mut within: Option<(&ActiveRows, &mut Vec<[usize; 2]>)>,
         d_input: &mut [T],
     ) {
         for (Phase { first, grid, .. }, w) in self.backward.iter().zip(&kernels.backward) {
-            let runs = within.as_mut().map(|(spans, runs)| {
-                spans.phase(*first, self.stride, runs);
+            let runs = within.as_mut().map(|(active_rows, runs)| {
+                active_rows.phase(*first, self.stride, runs);
                 &runs[..]
             });
             correlate(grid, runs, w, &kernels.zeros, false, padded, d_input);
         }
     }
 
-    /// Calls `copy` with every run of pixels that lie side by side both in the core's outputs and in the picture they
+    /// Calls `copy` with every run of pixels that lie side by side both in the core's outputs and in the image they
     /// make, `row` numbers to a row: where it begins in either, and its length in numbers.
     fn runs(&self, row: usize, mut copy: impl FnMut(usize, usize, usize)) {
         let ([rows, columns], [bh, bw], c) = (self.core, self.block, self.channels[1]);
@@ -405,7 +405,7 @@ impl Conv {
 
 /// The weights of a layer as its loops read them.
 #[derive(Debug, Clone)]
-pub struct Kernels<T> {
+pub struct PackedWeights<T> {
     forward: Vec<T>,
     bias: Vec<T>,
     backward: Vec<Vec<T>>,
@@ -413,13 +413,13 @@ pub struct Kernels<T> {
     zeros: Vec<T>,
 }
 
-impl<T: Real> Kernels<T> {
+impl<T: Real> PackedWeights<T> {
     fn new(conv: &Conv) -> Self {
         Self {
-            forward: vec![T::nil(); conv.forward.weights()],
-            bias: vec![T::nil(); conv.forward.c_out],
-            zeros: vec![T::nil(); conv.forward.c_in],
-            backward: conv.backward.iter().map(|phase| vec![T::nil(); phase.grid.weights()]).collect(),
+            forward: vec![T::ZERO; conv.forward.weights()],
+            bias: vec![T::ZERO; conv.forward.c_out],
+            zeros: vec![T::ZERO; conv.forward.c_in],
+            backward: conv.backward.iter().map(|phase| vec![T::ZERO; phase.grid.weights()]).collect(),
         }
     }
 }

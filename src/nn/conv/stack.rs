@@ -1,15 +1,15 @@
-//! Convolutions one after the other, picture by picture.
+//! Convolutions one after the other, image by image.
 //!
 //! What every layer puts out and its gradient are kept for the whole batch; padded copies live in a thread's scratch.
 
 use super::{
-    Conv, Kernels,
+    Conv, PackedWeights,
     kernels::{accumulate, correlate},
-    shares::{Shares, Slots, by_layer},
+    shard_sums::{PerThread, ShardSums, by_layer},
 };
 use crate::{
     nn::{
-        columns::{Cut, MOST_THREADS},
+        columns::{Cut, MAX_THREADS},
         mlp::{Pass, PassMut},
     },
     num::{Real, simd::vectorize},
@@ -22,9 +22,9 @@ pub struct Stack<const L: usize> {
     pub convs: [Conv; L],
 }
 
-/// A thread's own copies of pictures with their borders of zeros, which nothing ever writes.
+/// A thread's own copies of images with their borders of zeros, which nothing ever writes.
 #[derive(Debug, Clone)]
-pub struct Slot<T> {
+pub struct ThreadBuffers<T> {
     /// The input of each layer.
     inputs: Vec<Vec<T>>,
     /// The deltas of each layer.
@@ -33,19 +33,19 @@ pub struct Slot<T> {
     d_input: Vec<T>,
 }
 
-/// A slot for every thread.
+/// A buffers for every thread.
 #[derive(Debug, Clone)]
-pub struct Scratch<T>(Vec<Slot<T>>);
+pub struct Scratch<T>(Vec<ThreadBuffers<T>>);
 
 impl<T: Real> Scratch<T> {
     fn new<const L: usize>(stack: &Stack<L>) -> Self {
-        let each = |len: fn(&Conv) -> usize| stack.convs.iter().map(|conv| vec![T::nil(); len(conv)]).collect();
-        let slot = || Slot {
+        let each = |len: fn(&Conv) -> usize| stack.convs.iter().map(|conv| vec![T::ZERO; len(conv)]).collect();
+        let buffers = || ThreadBuffers {
             inputs: each(Conv::padded_len),
             deltas: each(Conv::delta_padded_len),
-            d_input: vec![T::nil(); stack.convs.iter().map(Conv::input_len).max().unwrap_or(0)],
+            d_input: vec![T::ZERO; stack.convs.iter().map(Conv::input_len).max().unwrap_or(0)],
         };
-        Self((0..MOST_THREADS).map(|_| slot()).collect())
+        Self((0..MAX_THREADS).map(|_| buffers()).collect())
     }
 }
 
@@ -56,16 +56,16 @@ pub struct StackPass<T, const L: usize> {
     scratch: Scratch<T>,
 }
 
-/// Some pictures of a [`StackPass`].
+/// Some images of a [`StackPass`].
 #[derive(Debug)]
 pub struct StackMut<'a, T, const L: usize> {
     /// What each core put out, and its deltas.
     pub layers: PassMut<'a, T, L>,
-    scratch: Slots<'a, Slot<T>>,
+    scratch: PerThread<'a, ThreadBuffers<T>>,
 }
 
 impl<T: Real, const L: usize> StackPass<T, L> {
-    /// Room for `samples` samples of `each` pictures.
+    /// Room for `samples` samples of `each` images.
     pub fn new(stack: &Stack<L>, samples: usize, each: usize) -> Self {
         let widths = stack.convs.each_ref().map(|conv| conv.width() * each);
         Self { layers: Pass::of_widths(widths, samples), scratch: Scratch::new(stack) }
@@ -73,7 +73,7 @@ impl<T: Real, const L: usize> StackPass<T, L> {
 
     /// The first `samples` samples.
     pub fn view(&mut self, samples: usize) -> StackMut<'_, T, L> {
-        StackMut { layers: self.layers.view(samples), scratch: Slots(&mut self.scratch.0) }
+        StackMut { layers: self.layers.view(samples), scratch: PerThread(&mut self.scratch.0) }
     }
 }
 
@@ -85,84 +85,92 @@ impl<T: Real, const L: usize> Cut for StackMut<'_, T, L> {
     }
 }
 
-/// One picture's part of a buffer.
-fn of<T>(buffer: &[T], width: usize, picture: usize) -> &[T] {
-    &buffer[picture * width..][..width]
+/// One image's part of a buffer.
+fn of<T>(buffer: &[T], width: usize, image: usize) -> &[T] {
+    &buffer[image * width..][..width]
 }
 
-fn of_mut<T>(buffer: &mut [T], width: usize, picture: usize) -> &mut [T] {
-    &mut buffer[picture * width..][..width]
+fn of_mut<T>(buffer: &mut [T], width: usize, image: usize) -> &mut [T] {
+    &mut buffer[image * width..][..width]
 }
 
 impl<const L: usize> Stack<L> {
     /// Room for the weights as the loops read them.
-    pub fn kernels<T: Real>(&self) -> Vec<Kernels<T>> {
-        self.convs.iter().map(Kernels::new).collect()
+    pub fn packed_weights<T: Real>(&self) -> Vec<PackedWeights<T>> {
+        self.convs.iter().map(PackedWeights::new).collect()
     }
 
     /// Fills them in; once a step.
-    pub fn prepare<T: Real>(&self, arena: &[T], kernels: &mut [Kernels<T>]) {
+    pub fn pack<T: Real>(&self, arena: &[T], kernels: &mut [PackedWeights<T>]) {
         vectorize(
             #[inline(always)]
             || {
                 for (conv, kernels) in self.convs.iter().zip(kernels) {
-                    conv.prepare(arena, kernels);
+                    conv.pack(arena, kernels);
                 }
             },
         );
     }
 
-    /// All layers on every picture; `fill` writes a picture into the padded input of the first.
+    /// All layers on every image; `fill` writes an image into the padded input of the first.
     pub fn forward<T: Real>(
         &self,
-        kernels: &[Kernels<T>],
+        kernels: &[PackedWeights<T>],
         pass: &mut StackMut<'_, T, L>,
         fill: impl Fn(usize, &mut [T]),
     ) {
-        let slot = &mut pass.scratch.0[0];
-        for picture in 0..pass.layers.out[0].len() / self.convs[0].width() {
-            fill(picture, &mut slot.inputs[0]);
+        let buffers = &mut pass.scratch.0[0];
+        for image in 0..pass.layers.out[0].len() / self.convs[0].width() {
+            fill(image, &mut buffers.inputs[0]);
             for (l, conv) in self.convs.iter().enumerate() {
-                let out = of_mut(pass.layers.out[l], conv.width(), picture);
-                correlate(&conv.forward, None, &kernels[l].forward, &kernels[l].bias, conv.relu, &slot.inputs[l], out);
+                let out = of_mut(pass.layers.out[l], conv.width(), image);
+                correlate(
+                    &conv.forward,
+                    None,
+                    &kernels[l].forward,
+                    &kernels[l].bias,
+                    conv.relu,
+                    &buffers.inputs[l],
+                    out,
+                );
                 if let Some(next) = self.convs.get(l + 1) {
-                    conv.spread(out, next, &mut slot.inputs[l + 1]);
+                    conv.spread(out, next, &mut buffers.inputs[l + 1]);
                 }
             }
         }
     }
 
     /// Deltas of all layers from those of the last; then, where asked, `take` gets the gradient with respect to each
-    /// picture, without borders.
+    /// image, without borders.
     pub fn backward<T: Real>(
         &self,
-        kernels: &[Kernels<T>],
+        kernels: &[PackedWeights<T>],
         pass: &mut StackMut<'_, T, L>,
         mut take: Option<impl FnMut(usize, &[T])>,
     ) {
-        let slot = &mut pass.scratch.0[0];
-        for picture in 0..pass.layers.out[0].len() / self.convs[0].width() {
+        let buffers = &mut pass.scratch.0[0];
+        for image in 0..pass.layers.out[0].len() / self.convs[0].width() {
             for l in (0..L).rev() {
                 let conv = &self.convs[l];
                 if l > 0 || take.is_some() {
-                    conv.pad(of(pass.layers.delta[l], conv.width(), picture), &mut slot.deltas[l]);
-                    conv.d_input(&kernels[l], &slot.deltas[l], None, &mut slot.d_input);
+                    conv.pad(of(pass.layers.delta[l], conv.width(), image), &mut buffers.deltas[l]);
+                    conv.d_input(&kernels[l], &buffers.deltas[l], None, &mut buffers.d_input);
                 }
                 if l > 0 {
                     let before = &self.convs[l - 1];
-                    let out = of(pass.layers.out[l - 1], before.width(), picture);
-                    let delta = of_mut(pass.layers.delta[l - 1], before.width(), picture);
-                    before.gather(&slot.d_input, self.convs[l].forward.c_in, out, delta);
+                    let out = of(pass.layers.out[l - 1], before.width(), image);
+                    let delta = of_mut(pass.layers.delta[l - 1], before.width(), image);
+                    before.gather(&buffers.d_input, self.convs[l].forward.c_in, out, delta);
                 } else if let Some(take) = &mut take {
-                    take(picture, &slot.d_input[..conv.input_len()]);
+                    take(image, &buffers.d_input[..conv.input_len()]);
                 }
             }
         }
     }
 
     /// Room for the sums over shares of the batch.
-    pub fn shares<T: Real>(&self) -> Shares<T> {
-        Shares::new(&self.convs, 0)
+    pub fn shard_sums<T: Real>(&self) -> ShardSums<T> {
+        ShardSums::new(&self.convs, 0)
     }
 
     /// Sets the gradients of all weights. `fill` as in [`Stack::forward`].
@@ -170,16 +178,16 @@ impl<const L: usize> Stack<L> {
         &self,
         threads: usize,
         pass: &mut StackMut<'_, T, L>,
-        shares: &mut Shares<T>,
+        shares: &mut ShardSums<T>,
         gradient: &mut [T],
         fill: &(impl Fn(usize, &mut [T]) + Sync),
     ) {
-        let pictures = pass.layers.out[0].len() / self.convs[0].width();
+        let images = pass.layers.out[0].len() / self.convs[0].width();
         let layers = &pass.layers;
-        shares.sum(threads, pictures, pass.scratch.0, &|pictures, sums, slot| {
-            for picture in pictures {
-                fill(picture, &mut slot.inputs[0]);
-                self.picture_gradient(picture, layers, slot, sums);
+        shares.sum(threads, images, pass.scratch.0, &|images, sums, buffers| {
+            for image in images {
+                fill(image, &mut buffers.inputs[0]);
+                self.picture_gradient(image, layers, buffers, sums);
             }
         });
         shares.unfold(&self.convs, gradient);
@@ -187,18 +195,18 @@ impl<const L: usize> Stack<L> {
 
     fn picture_gradient<T: Real>(
         &self,
-        picture: usize,
+        image: usize,
         layers: &PassMut<'_, T, L>,
-        slot: &mut Slot<T>,
+        buffers: &mut ThreadBuffers<T>,
         sums: &mut [T],
     ) {
         let (sums, _) = by_layer(&self.convs, sums);
         for (l, (conv, [dw, db])) in self.convs.iter().zip(sums).enumerate() {
-            let delta = of(layers.delta[l], conv.width(), picture);
-            accumulate(&conv.forward, None, &slot.inputs[l], (delta, conv.forward.out_row), dw);
-            crate::nn::mlp::sum_columns(db, crate::nn::mat::Into::Add, delta);
+            let delta = of(layers.delta[l], conv.width(), image);
+            accumulate(&conv.forward, None, &buffers.inputs[l], (delta, conv.forward.out_row), dw);
+            crate::nn::mlp::sum_columns(db, crate::nn::mat::Accumulate::Add, delta);
             if let Some(next) = self.convs.get(l + 1) {
-                conv.spread(of(layers.out[l], conv.width(), picture), next, &mut slot.inputs[l + 1]);
+                conv.spread(of(layers.out[l], conv.width(), image), next, &mut buffers.inputs[l + 1]);
             }
         }
     }
@@ -213,7 +221,7 @@ impl Conv {
         });
     }
 
-    /// The deltas of the core from the gradient with respect to its picture: zero where ReLU put out nothing.
+    /// The deltas of the core from the gradient with respect to its image: zero where ReLU put out nothing.
     fn gather<T: Real>(&self, d_picture: &[T], channels: usize, out: &[T], delta: &mut [T]) {
         vectorize(
             #[inline(always)]
@@ -221,7 +229,7 @@ impl Conv {
                 self.runs(self.output()[1] * channels, |core, at, len| {
                     let d = &d_picture[at..at + len];
                     for ((delta, &out), &d) in delta[core..core + len].iter_mut().zip(&out[core..core + len]).zip(d) {
-                        *delta = if out > T::nil() { d } else { T::nil() };
+                        *delta = if out > T::ZERO { d } else { T::ZERO };
                     }
                 });
             },

@@ -4,17 +4,17 @@ use rand::SeedableRng as _;
 
 use super::*;
 use crate::{
-    nn::pictures::Pictures,
+    nn::binary_images::BinaryImages,
     num::{rng::Rng, sampling, simd::tests::on_every_instruction_set},
 };
 
-const PICTURES: usize = 9;
+const IMAGES: usize = 9;
 
-/// Every shape of layer that the paper's networks have, on a small picture that is no square.
+/// Every shape of layer that the paper's networks have, on a small image that is no patch.
 fn layers() -> [(&'static str, [usize; 2], [usize; 2], Resize); 5] {
     [
         ("stride 2", [6, 24], [32, 32], Resize::Down(2)),
-        ("stride 2, an odd picture, few channels", [7, 5], [32, 10], Resize::Down(2)),
+        ("stride 2, an odd image, few channels", [7, 5], [32, 10], Resize::Down(2)),
         ("stride 1, few channels", [4, 3], [10, 32], Resize::Down(1)),
         ("upsampled", [3, 12], [32, 32], Resize::Up([2, 2])),
         ("upsampled, to frames", [4, 6], [32, 2], Resize::Up([2, 4])),
@@ -36,30 +36,30 @@ fn case<T: Real>(size: [usize; 2], channels: [usize; 2], resize: Resize) -> Case
     let stack = Stack { convs: [Conv::new(&mut layout, "conv", size, channels, resize, false)] };
     let arena = layout.initialize(&mut rng);
     let mut random = |len: usize| (0..len).map(|_| T::of(sampling::uniform(&mut rng, -1.0, 1.0).into())).collect();
-    let x = random(PICTURES * size[0] * size[1] * channels[0]);
-    let d_y = random(PICTURES * stack.convs[0].pixels());
+    let x = random(IMAGES * size[0] * size[1] * channels[0]);
+    let d_y = random(IMAGES * stack.convs[0].pixels());
     Case { stack, layout, arena, x, d_y }
 }
 
 /// Outputs, and the gradients with respect to inputs and parameters.
 fn run<T: Real>(case: &Case<T>, threads: usize) -> [Vec<T>; 3] {
     let (stack, conv) = (&case.stack, &case.stack.convs[0]);
-    let mut kernels = stack.kernels();
-    stack.prepare(&case.arena, &mut kernels);
-    let mut buffers = StackPass::new(stack, PICTURES, 1);
-    let mut pass = buffers.view(PICTURES);
+    let mut kernels = stack.packed_weights();
+    stack.pack(&case.arena, &mut kernels);
+    let mut buffers = StackPass::new(stack, IMAGES, 1);
+    let mut pass = buffers.view(IMAGES);
     let fill = |i: usize, input: &mut [T]| conv.fill(&case.x, i, input);
     stack.forward(&kernels, &mut pass, fill);
-    let mut y = vec![T::nil(); case.d_y.len()];
-    for i in 0..PICTURES {
+    let mut y = vec![T::ZERO; case.d_y.len()];
+    for i in 0..IMAGES {
         let (core, true_len) = (conv.width(), conv.pixels());
         conv.flatten(&pass.layers.out[0][i * core..][..core], &mut y[i * true_len..][..true_len]);
         conv.unflatten(&case.d_y[i * true_len..][..true_len], &mut pass.layers.delta[0][i * core..][..core]);
     }
-    let mut d_x = vec![T::nil(); case.x.len()];
+    let mut d_x = vec![T::ZERO; case.x.len()];
     stack.backward(&kernels, &mut pass, Some(|i: usize, d: &[T]| conv.take(d, &mut d_x, i)));
-    let mut gradient = vec![T::nil(); case.layout.len];
-    let mut shares = stack.shares();
+    let mut gradient = vec![T::ZERO; case.layout.len];
+    let mut shares = stack.shard_sums();
     stack.gradient(threads, &mut pass, &mut shares, &mut gradient, &fill);
     [y, d_x, gradient]
 }
@@ -154,9 +154,9 @@ fn neither_instruction_sets_nor_threads_change_a_bit() {
 }
 
 /// The encoder's kind of stack on small observations of two frames.
-fn lit_stack() -> (LitStack<2>, Layout) {
+fn lit_stack() -> (SparseConvStack<2>, Layout) {
     let mut layout = Layout::default();
-    let stack = LitStack::new(&mut layout, "lit", (2, [12, 14]), 32, |layout| {
+    let stack = SparseConvStack::new(&mut layout, "lit", (2, [12, 14]), 32, |layout| {
         [
             Conv::new(layout, "lit.1", [12, 14], [32, 32], Resize::Down(2), true),
             Conv::new(layout, "lit.2", [6, 7], [32, 10], Resize::Down(2), true),
@@ -166,16 +166,16 @@ fn lit_stack() -> (LitStack<2>, Layout) {
 }
 
 /// Nothing, corners, a bar over both frames, everything, and noise; each compared with a background that has lit pixels.
-fn pictures() -> Vec<u8> {
+fn images() -> Vec<u8> {
     let (frame, mut rng) = (12 * 14, Rng::seed_from_u64(6));
-    let mut all = vec![vec![0; 2 * frame]; PICTURES];
+    let mut all = vec![vec![0; 2 * frame]; IMAGES];
     all[1][0] = 1;
     all[2][2 * frame - 1] = 1;
     all[3][5 * 14..5 * 14 + 9].fill(1);
     all[3][frame + 6 * 14..frame + 6 * 14 + 9].fill(1);
     all[4].fill(1);
-    for picture in &mut all[5..] {
-        picture.iter_mut().for_each(|p| *p = u8::from(sampling::uniform(&mut rng, 0.0, 1.0) < 0.03));
+    for image in &mut all[5..] {
+        image.iter_mut().for_each(|p| *p = u8::from(sampling::uniform(&mut rng, 0.0, 1.0) < 0.03));
     }
     all.concat()
 }
@@ -183,18 +183,18 @@ fn pictures() -> Vec<u8> {
 /// What comes out, pixel by pixel, and the gradient of its inner product with `d_flat`.
 fn see<T: Real>(arena: &[T], d_flat: &[T], threads: usize) -> [Vec<T>; 2] {
     let (stack, layout) = lit_stack();
-    let frames = pictures();
-    let mut seen = Pictures::new(&frames[3 * 2 * 12 * 14..][..2 * 12 * 14]);
+    let frames = images();
+    let mut seen = BinaryImages::new(&frames[3 * 2 * 12 * 14..][..2 * 12 * 14]);
     seen.extend(&frames);
-    let which: Vec<u32> = (0..PICTURES as u32).collect();
-    let (mut ready, mut shares) = (stack.ready(), stack.shares());
-    stack.prepare(arena, &mut ready);
-    let mut pass = LitPass::new(&stack, PICTURES, 1);
-    let mut flat = vec![T::nil(); PICTURES * 3 * 4 * 10];
-    stack.forward(arena, &ready, (&seen, &which), &mut pass.view(PICTURES), &mut flat);
+    let which: Vec<u32> = (0..IMAGES as u32).collect();
+    let (mut ready, mut shares) = (stack.packed_weights(), stack.shard_sums());
+    stack.pack(arena, &mut ready);
+    let mut pass = SparseConvPass::new(&stack, IMAGES, 1);
+    let mut flat = vec![T::ZERO; IMAGES * 3 * 4 * 10];
+    stack.forward(arena, &ready, (&seen, &which), &mut pass.view(IMAGES), &mut flat);
     let mut d = d_flat.to_vec();
     crate::nn::mlp::mask(&mut d, &flat);
-    let mut gradient = vec![T::nil(); layout.len];
+    let mut gradient = vec![T::ZERO; layout.len];
     stack.gradient(threads, (arena, &ready), &mut gradient, (&seen, &which), &mut pass, &d, &mut shares);
     [flat, gradient]
 }
@@ -204,7 +204,7 @@ fn parameters<T: Real>() -> [Vec<T>; 2] {
     let mut rng = Rng::seed_from_u64(7);
     let (_, layout) = lit_stack();
     let mut random = |len: usize| (0..len).map(|_| T::of(sampling::uniform(&mut rng, -0.3, 0.3).into())).collect();
-    [random(layout.len), random(PICTURES * 3 * 4 * 10)]
+    [random(layout.len), random(IMAGES * 3 * 4 * 10)]
 }
 
 #[test]
@@ -212,7 +212,7 @@ fn spans_of_lit_pixels_leave_nothing_out() {
     let [arena, d_flat] = parameters::<f64>();
     let [flat, _] = see(&arena, &d_flat, 1);
     let (mut x, mut at) = (Vec::new(), 0);
-    for frames in pictures().chunks_exact(2 * 12 * 14) {
+    for frames in images().chunks_exact(2 * 12 * 14) {
         x.extend((0..12 * 14).flat_map(|pixel| [frames[pixel], frames[12 * 14 + pixel]]).map(f64::from));
     }
     for (size, channels, stride) in [([12, 14], [2, 32], 1), ([12, 14], [32, 32], 2), ([6, 7], [32, 10], 2)] {

@@ -14,7 +14,7 @@ use crate::{
     },
     nn::{
         adam::{Adam, AdamSettings},
-        pictures::Squares,
+        binary_images::PooledPatches,
     },
     num::{rng::Rng, sampling},
     record::{At, topic},
@@ -141,13 +141,13 @@ fn fresh(params: &Params, transitions: &Transitions, env: EnvName, rng: &mut Rng
         EnvName::ThreePole => Sizes { action: transitions.action_dim, ..Sizes::three_pole() },
     };
     let mut sizes = Sizes { slopes: params.slopes == Slopes::Amortized, ..sizes };
-    if params.networks == Networks::Squares {
+    if params.networks == Networks::PooledPatches {
         let ((rows, columns), side) = (transitions.picture, params.square as usize);
         anyhow::ensure!(
             rows % side == 0 && columns % side == 0,
             "pictures of {rows} x {columns} pixels cannot be cut into squares of {side}: change `square`"
         );
-        let squares = Squares { columns, side };
+        let squares = PooledPatches { columns, side };
         let (hidden, backward) = ([128; 2], [10, 10, 50, 100]);
         sizes =
             Sizes { convolution: None, squares: Some(squares), encoder: hidden, decoder: hidden, backward, ..sizes };

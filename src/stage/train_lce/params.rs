@@ -44,7 +44,7 @@ pub(in crate::stage) enum Networks {
     /// The paper's, convolutional on its larger pictures.
     Paper,
     /// Fully connected, two hidden layers of 128, on what share of each square of pixels is lit.
-    Squares,
+    PooledPatches,
 }
 
 /// Weights of the terms of the loss.
@@ -187,13 +187,13 @@ impl stage::Params for Params {
             if of.task.env != EnvName::SwingUp {
                 // A thousand random transitions share no pictures here: whoever sees every pixel, or learns geometry
                 // without decoding, learns them by heart.
-                params.networks = given(of, "networks", Networks::Squares);
+                params.networks = given(of, "networks", Networks::PooledPatches);
                 params.anchor_epochs = 0;
                 // An action hardly shows in one step: a map that answers it louder is learned by heart, too.
                 (params.warm_up.scale, params.warm_up.anchor) = (0.5, 30.0);
                 // Codes of so few pictures jitter as much as they move, and F learns the motion last.
                 params.refit_steps = 3000;
-                if params.networks == Networks::Squares {
+                if params.networks == Networks::PooledPatches {
                     // A pole is few pixels wide: squares of 8 lose what it does, those of 4 are more to learn by heart.
                     (params.square, params.input_dropout) = (4, 0.2);
                 }
@@ -208,7 +208,7 @@ impl stage::Params for Params {
         within(&mut refusals, "ramp_from", self.ramp_from, 0.0, 1.0);
         within(&mut refusals, "square", self.square as f64, 1.0, 15.0);
         within(&mut refusals, "input_dropout", self.input_dropout, 0.0, 0.9);
-        if self.networks != Networks::Squares && self.input_dropout > 0.0 {
+        if self.networks != Networks::PooledPatches && self.input_dropout > 0.0 {
             refusals
                 .push(Refusal { path: "input_dropout", why: "must be 0 without `networks = \"squares\"`".to_owned() });
         }

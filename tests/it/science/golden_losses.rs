@@ -10,7 +10,7 @@ use carl_pipe::{
         model::Nets,
         objective::{Batch, TERMS, Terms, Weights, Workspace},
     },
-    nn::pictures::Pictures,
+    nn::binary_images::BinaryImages,
     num::Real,
 };
 
@@ -109,7 +109,7 @@ fn theirs(ours: &str) -> Vec<String> {
 
 struct Case<T> {
     model: LceModel<T>,
-    pictures: Pictures,
+    pictures: BinaryImages,
     actions: Vec<T>,
     noise: Vec<T>,
     guidance: Vec<T>,

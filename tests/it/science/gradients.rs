@@ -12,10 +12,10 @@ use carl_pipe::{
     },
     nn::{
         adam::Adam,
+        binary_images::{BinaryImages, PooledPatches},
         heads,
-        mat::Into,
+        mat::Accumulate,
         mlp::{Layout, Linear, Mlp, Pass},
-        pictures::{Pictures, Squares},
     },
     num::{rng::Rng, sampling},
 };
@@ -66,12 +66,12 @@ fn a_layers_gradients_equal_finite_differences() {
             dot(&weights, &y)
         };
         let (mut gradient, mut d_x) = (vec![7.0; layout.len], vec![7.0; x.len()]);
-        layer.gradient(1, &mut gradient, Into::Replace, &x, &weights);
+        layer.gradient(1, &mut gradient, Accumulate::Replace, &x, &weights);
         layer.backward(&arena, &weights, &mut d_x);
         check("weights", &arena, &gradient, &all(&arena), |arena| value(arena, &x));
         check("input", &x, &d_x, &all(&x), |x| value(&arena, x));
         let before = gradient.clone();
-        layer.gradient(1, &mut gradient, Into::Add, &x, &weights);
+        layer.gradient(1, &mut gradient, Accumulate::Add, &x, &weights);
         assert!(gradient.iter().zip(&before).all(|(twice, once)| (twice - 2.0 * once).abs() < 1e-12));
     }
 }
@@ -108,7 +108,7 @@ fn a_networks_gradients_equal_finite_differences() {
     own.output_delta().copy_from_slice(&weights);
     let (mut gradient, mut d_x) = (vec![7.0; arena.len()], vec![7.0; x.len()]);
     net.backward(&arena, &mut own, Some(&mut d_x));
-    net.gradient(1, &mut gradient, Into::Replace, &x, &own);
+    net.gradient(1, &mut gradient, Accumulate::Replace, &x, &own);
     check("weights", &arena, &gradient, &all(&arena), |arena| value(arena, &x));
     check("input", &x, &d_x, &all(&x), |x| value(&arena, x));
 }
@@ -203,7 +203,7 @@ fn the_gradient_of_bernoulli_pixels_equals_finite_differences() {
     let mut rng = Rng::seed_from_u64(5);
     let pixels = 37;
     let frames: Vec<u8> = (0..3 * pixels).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
-    let mut pictures = Pictures::new(&frames[..pixels]);
+    let mut pictures = BinaryImages::new(&frames[..pixels]);
     pictures.extend(&frames);
     let logits: Vec<f64> = random(&mut rng, pixels).iter().map(|l| 5.0 * l).collect();
     for picture in 0..3 {
@@ -223,7 +223,7 @@ fn the_gradient_of_bernoulli_pixels_equals_finite_differences() {
 /// A tiny model, its pictures and a batch.
 struct Case {
     model: LceModel<f64>,
-    pictures: Pictures,
+    pictures: BinaryImages,
     pairs: Vec<u32>,
     x: Vec<u32>,
     actions: Vec<f64>,
@@ -271,7 +271,7 @@ fn convolutional_case() -> Case {
 /// Six squares of 2x2 pixels.
 fn squares_case() -> Case {
     let Case { model, .. } = case(2, 1);
-    case_of(Sizes { pixels: 4 * 6, squares: Some(Squares { columns: 6, side: 2 }), ..model.sizes })
+    case_of(Sizes { pixels: 4 * 6, squares: Some(PooledPatches { columns: 6, side: 2 }), ..model.sizes })
 }
 
 /// With heads for F's slopes.

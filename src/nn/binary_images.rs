@@ -1,8 +1,8 @@
-//! Binary pictures as their few differences from a reference picture, and first layers that use it.
+//! Binary images as their few differences from a reference image, and first layers that use it.
 //!
-//! Pictures of a task share their background, and an agent covers a few pixels of it: `W x` is then `W x_reference` plus
+//! BinaryImages of a task share their background, and an agent covers a few pixels of it: `W x` is then `W x_reference` plus
 //! a handful of columns of W. This is exact, not an approximation, and an order of magnitude less work. Networks may also
-//! read a picture square by square: how much of each is lit.
+//! read an image patch by patch: how much of each is lit.
 
 use pulp::{Simd, WithSimd};
 
@@ -13,43 +13,43 @@ use crate::num::{
     simd::{arch, vectorize},
 };
 
-/// Squares of pixels that networks read as one number, how much of it is lit, and that they give one probability.
+/// PooledPatches of pixels that networks read as one number, how much of it is lit, and that they give one probability.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Squares {
-    /// Columns of a picture, a multiple of `side`.
+pub struct PooledPatches {
+    /// Columns of an image, a multiple of `side`.
     pub columns: usize,
-    /// Rows and columns of a square, at most 15.
+    /// Rows and columns of a patch, at most 15.
     pub side: usize,
 }
 
-impl Squares {
-    /// Pixels of a square.
+impl PooledPatches {
+    /// Pixels of a patch.
     pub fn area(self) -> usize {
         self.side * self.side
     }
 
-    /// The square that a pixel lies in; they are counted row by row, as pixels are.
+    /// The patch that a pixel lies in; they are counted row by row, as pixels are.
     pub fn around(self, pixel: usize) -> usize {
         let (row, column) = (pixel / self.columns, pixel % self.columns);
         row / self.side * (self.columns / self.side) + column / self.side
     }
 }
 
-/// Pictures of one size with values 0 and 1.
+/// BinaryImages of one size with values 0 and 1.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Pictures {
+pub struct BinaryImages {
     pixels: usize,
-    squares: Option<Squares>,
-    /// Of every entry that networks read, a pixel or a square.
+    patches: Option<PooledPatches>,
+    /// Of every entry that networks read, a pixel or a patch.
     reference: Vec<bool>,
     reference_lit: Vec<u32>,
     starts: Vec<u32>,
     /// An entry, and in the lowest [`LEVEL_BITS`] bits what it is instead of what the reference has: of a pixel
-    /// [`LIT`] or [`DARK`], of a square how many of its pixels are lit. With [`UNREAD`] networks do not read it.
+    /// [`LIT`] or [`DARK`], of a patch how many of its pixels are lit. With [`UNREAD`] networks do not read it.
     changes: Vec<u32>,
     /// How much louder than it is a change is read.
-    loudness: f64,
+    dropout_scale: f64,
 }
 
 const LEVEL_BITS: u32 = 8;
@@ -66,32 +66,40 @@ fn level(change: u32) -> usize {
     change as usize % LEVELS
 }
 
-impl Pictures {
-    /// No pictures yet, to be compared with `reference`.
+impl BinaryImages {
+    /// No images yet, to be compared with `reference`.
     pub fn new(reference: &[u8]) -> Self {
         let reference_lit = (0_u32..).zip(reference).filter(|&(_, &p)| p != 0).map(|(pixel, _)| pixel).collect();
         let reference: Vec<bool> = reference.iter().map(|&p| p != 0).collect();
         let pixels = reference.len();
-        Self { pixels, squares: None, reference, reference_lit, starts: vec![0], changes: Vec::new(), loudness: 1.0 }
+        Self {
+            pixels,
+            patches: None,
+            reference,
+            reference_lit,
+            starts: vec![0],
+            changes: Vec::new(),
+            dropout_scale: 1.0,
+        }
     }
 
-    /// No pictures yet, of so many pixels, to be read in squares.
-    pub fn in_squares(pixels: usize, squares: Squares) -> Self {
-        let reference = vec![false; pixels / squares.area()];
+    /// No images yet, of so many pixels, to be read in patches.
+    pub fn pooled(pixels: usize, patches: PooledPatches) -> Self {
+        let reference = vec![false; pixels / patches.area()];
         let (reference_lit, starts, changes) = (Vec::new(), vec![0], Vec::new());
-        Self { pixels, squares: Some(squares), reference, reference_lit, starts, changes, loudness: 1.0 }
+        Self { pixels, patches: Some(patches), reference, reference_lit, starts, changes, dropout_scale: 1.0 }
     }
 
-    /// Adds pictures that lie one after the other; any non-zero byte is lit.
+    /// Adds images that lie one after the other; any non-zero byte is lit.
     pub fn extend(&mut self, frames: &[u8]) {
-        let mut counts = vec![0; if self.squares.is_some() { self.reference.len() } else { 0 }];
+        let mut counts = vec![0; if self.patches.is_some() { self.reference.len() } else { 0 }];
         for frame in frames.chunks_exact(self.pixels) {
-            if let Some(squares) = self.squares {
+            if let Some(patches) = self.patches {
                 counts.fill(0);
                 let lit = frame.iter().enumerate().filter(|&(_, &value)| value != 0);
-                lit.for_each(|(pixel, _)| counts[squares.around(pixel)] += 1);
+                lit.for_each(|(pixel, _)| counts[patches.around(pixel)] += 1);
                 let seen = (0..).zip(&counts).filter(|&(_, &count)| count > 0);
-                self.changes.extend(seen.map(|(square, &count): (u32, &u32)| square << LEVEL_BITS | count));
+                self.changes.extend(seen.map(|(patch, &count): (u32, &u32)| patch << LEVEL_BITS | count));
             } else {
                 for (pixel, (&value, &reference)) in frame.iter().zip(&self.reference).enumerate() {
                     if (value != 0) != reference {
@@ -103,77 +111,77 @@ impl Pictures {
         }
     }
 
-    /// The pictures `which` of these for one step of training: networks read every lit square with probability 1 - `share`
+    /// The images `which` of these for one step of training: networks read every lit patch with probability 1 - `share`
     /// only, and louder by that, so that means stay (dropout). What is to be decoded stays whole.
     ///
     /// # Panics
     ///
-    /// If pictures are read by pixels.
-    pub fn thinned(&self, which: &[u32], share: f64, rng: &mut Rng) -> Self {
-        assert!(self.squares.is_some(), "only squares are thinned");
+    /// If images are read by pixels.
+    pub fn with_dropout(&self, which: &[u32], share: f64, rng: &mut Rng) -> Self {
+        assert!(self.patches.is_some(), "only patches are thinned");
         let (mut starts, mut changes) = (vec![0], Vec::new());
-        for &picture in which {
+        for &image in which {
             let unread = |&change: &u32| {
                 let is_unread = f64::from(sampling::uniform(rng, 0.0, 1.0)) < share;
                 if is_unread { change | UNREAD } else { change }
             };
-            changes.extend(self.changes(picture).iter().map(unread));
+            changes.extend(self.changes(image).iter().map(unread));
             starts.push(changes.len() as u32);
         }
         let (reference, reference_lit) = (self.reference.clone(), self.reference_lit.clone());
-        let (pixels, squares, loudness) = (self.pixels, self.squares, 1.0 / (1.0 - share));
-        Self { pixels, squares, reference, reference_lit, starts, changes, loudness }
+        let (pixels, patches, dropout_scale) = (self.pixels, self.patches, 1.0 / (1.0 - share));
+        Self { pixels, patches, reference, reference_lit, starts, changes, dropout_scale }
     }
 
     /// Pixels that an entry stands for.
     pub fn area(&self) -> usize {
-        self.squares.map_or(1, Squares::area)
+        self.patches.map_or(1, PooledPatches::area)
     }
 
     /// What every level of a change adds to an entry.
     fn factors<T: Real>(&self) -> Factors<T> {
-        let mut factors = [T::nil(); LEVELS];
-        match self.squares {
-            None => (factors[LIT as usize], factors[DARK as usize]) = (T::unit(), -T::unit()),
-            Some(squares) => {
-                let area = squares.area();
+        let mut factors = [T::ZERO; LEVELS];
+        match self.patches {
+            None => (factors[LIT as usize], factors[DARK as usize]) = (T::ONE, -T::ONE),
+            Some(patches) => {
+                let area = patches.area();
                 for (count, factor) in factors[..=area].iter_mut().enumerate() {
-                    *factor = T::of(count as f64 / area as f64 * self.loudness);
+                    *factor = T::of(count as f64 / area as f64 * self.dropout_scale);
                 }
             }
         }
         Factors(factors)
     }
 
-    /// How many pictures.
+    /// How many images.
     pub fn len(&self) -> usize {
         self.starts.len() - 1
     }
 
-    /// True without pictures.
+    /// True without images.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// Its entries of `changes`, by rising entry.
-    fn changes(&self, picture: u32) -> &[u32] {
-        &self.changes[self.starts[picture as usize] as usize..self.starts[picture as usize + 1] as usize]
+    fn changes(&self, image: u32) -> &[u32] {
+        &self.changes[self.starts[image as usize] as usize..self.starts[image as usize + 1] as usize]
     }
 
     /// The same for some of the entries.
-    fn changes_at(&self, picture: u32, entries: std::ops::Range<usize>) -> &[u32] {
-        let changes = self.changes(picture);
+    fn changes_at(&self, image: u32, entries: std::ops::Range<usize>) -> &[u32] {
+        let changes = self.changes(image);
         let before = |at: usize| changes.partition_point(|&change| entry(change) < at);
         &changes[before(entries.start)..before(entries.end)]
     }
 
-    /// The entries of a picture in which pixels are lit, and how many.
-    pub fn lit(&self, picture: u32) -> impl Iterator<Item = (usize, usize)> + '_ {
-        let in_squares = self.squares.is_some();
+    /// The entries of an image in which pixels are lit, and how many.
+    pub fn lit(&self, image: u32) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let in_squares = self.patches.is_some();
         let darkens = move |change: u32| !in_squares && level(change) == DARK as usize;
-        let darkened = move |pixel| self.changes(picture).iter().any(|&c| entry(c) == pixel && darkens(c));
+        let darkened = move |pixel| self.changes(image).iter().any(|&c| entry(c) == pixel && darkens(c));
         let kept = self.reference_lit().filter(move |&pixel| !darkened(pixel)).map(|pixel| (pixel, 1));
-        let changed = self.changes(picture).iter().filter(move |&&change| !darkens(change));
+        let changed = self.changes(image).iter().filter(move |&&change| !darkens(change));
         kept.chain(changed.map(move |&change| (entry(change), if in_squares { level(change) } else { 1 })))
     }
 
@@ -181,15 +189,15 @@ impl Pictures {
         self.reference_lit.iter().map(|&pixel| pixel as usize)
     }
 
-    /// W x_reference + b, which every column of [`Pictures::affine`] starts from.
+    /// W x_reference + b, which every column of [`BinaryImages::affine`] starts from.
     pub fn base<T: Real>(&self, layer: &Linear, arena: &[T], base: &mut [T]) {
         base.copy_from_slice(layer.b(arena));
         for pixel in self.reference_lit() {
-            add(base, column(layer, layer.w(arena), pixel), T::unit());
+            add(base, column(layer, layer.w(arena), pixel), T::ONE);
         }
     }
 
-    /// y = W x + b for the pictures `which`, then ReLU where asked. A column of `y` is `stride` long, and the layer's
+    /// y = W x + b for the images `which`, then ReLU where asked. A column of `y` is `stride` long, and the layer's
     /// outputs begin at `offset` in it.
     #[allow(clippy::too_many_arguments, reason = "a matrix product names its operands and where its result goes")]
     pub fn affine<T: Real>(
@@ -199,13 +207,13 @@ impl Pictures {
         base: &[T],
         which: &[u32],
         y: &mut [T],
-        place: Place,
+        place: OutputRows,
         relu: bool,
     ) {
-        arch().dispatch(Affine { pictures: self, layer, w: layer.w(arena), base, which, y, place, relu });
+        arch().dispatch(Affine { images: self, layer, w: layer.w(arena), base, which, y, place, relu });
     }
 
-    /// Sets dW = Σ dy xᵀ and db = Σ dy over the pictures `which`; deltas lie as outputs do in [`Pictures::affine`].
+    /// Sets dW = Σ dy xᵀ and db = Σ dy over the images `which`; deltas lie as outputs do in [`BinaryImages::affine`].
     pub fn gradient<T: Real>(
         &self,
         threads: usize,
@@ -213,12 +221,12 @@ impl Pictures {
         gradient: &mut [T],
         which: &[u32],
         dy: &[T],
-        place: Place,
+        place: OutputRows,
     ) {
         let (dw, db) = layer.w_b_mut(gradient);
-        db.fill(T::nil());
+        db.fill(T::ZERO);
         for dy in dy.chunks_exact(place.stride) {
-            add(db, &dy[place.offset..place.offset + layer.n_out], T::unit());
+            add(db, &dy[place.offset..place.offset + layer.n_out], T::ONE);
         }
         self.weight_gradient(threads, layer, dw, db, which, dy, place, 0);
     }
@@ -233,7 +241,7 @@ impl Pictures {
         db: &[T],
         which: &[u32],
         dy: &[T],
-        place: Place,
+        place: OutputRows,
         first: usize,
     ) {
         let pixels = dw.len() / layer.n_out;
@@ -247,17 +255,17 @@ impl Pictures {
             );
             return;
         }
-        arch().dispatch(WeightGradient { pictures: self, n_out: layer.n_out, dw, db, which, dy, place, first });
+        arch().dispatch(WeightGradient { images: self, n_out: layer.n_out, dw, db, which, dy, place, first });
     }
 }
 
-/// See [`Pictures::factors`].
+/// See [`BinaryImages::factors`].
 struct Factors<T>([T; LEVELS]);
 
 impl<T: Real> Factors<T> {
     #[inline(always)]
     fn of(&self, change: u32) -> T {
-        if change & UNREAD == 0 { self.0[level(change)] } else { T::nil() }
+        if change & UNREAD == 0 { self.0[level(change)] } else { T::ZERO }
     }
 }
 
@@ -283,13 +291,13 @@ macro_rules! in_runs {
 }
 
 struct Affine<'a, T> {
-    pictures: &'a Pictures,
+    images: &'a BinaryImages,
     layer: &'a Linear,
     w: &'a [T],
     base: &'a [T],
     which: &'a [u32],
     y: &'a mut [T],
-    place: Place,
+    place: OutputRows,
     relu: bool,
 }
 
@@ -307,11 +315,11 @@ impl<T: Real> Affine<'_, T> {
     fn run<S: Simd, const V: usize>(&mut self, simd: S, at: usize) {
         let (n_out, lanes) = (self.layer.n_out, T::count::<S>());
         let base = T::cut::<S>(&self.base[at..at + V * lanes]);
-        let factors = self.pictures.factors();
-        let zero = T::splat(simd, T::nil());
-        for (&picture, y) in self.which.iter().zip(self.y.chunks_exact_mut(self.place.stride)) {
+        let factors = self.images.factors();
+        let zero = T::splat(simd, T::ZERO);
+        for (&image, y) in self.which.iter().zip(self.y.chunks_exact_mut(self.place.stride)) {
             let mut sums: [T::V<S>; V] = std::array::from_fn(|v| base[v]);
-            for &change in self.pictures.changes(picture) {
+            for &change in self.images.changes(image) {
                 let factor = T::splat(simd, factors.of(change));
                 let w = T::cut::<S>(&self.w[entry(change) * n_out + at..][..V * lanes]);
                 for v in 0..V {
@@ -327,11 +335,11 @@ impl<T: Real> Affine<'_, T> {
 
     #[inline(always)]
     fn rest(&mut self, at: usize) {
-        let (n_out, factors) = (self.layer.n_out, self.pictures.factors::<T>());
-        for (&picture, y) in self.which.iter().zip(self.y.chunks_exact_mut(self.place.stride)) {
+        let (n_out, factors) = (self.layer.n_out, self.images.factors::<T>());
+        for (&image, y) in self.which.iter().zip(self.y.chunks_exact_mut(self.place.stride)) {
             let y = &mut y[self.place.offset..][at..n_out];
             y.copy_from_slice(&self.base[at..]);
-            for &change in self.pictures.changes(picture) {
+            for &change in self.images.changes(image) {
                 let factor = factors.of(change);
                 for (y, &w) in y.iter_mut().zip(&self.w[entry(change) * n_out + at..]) {
                     *y = factor.fma(w, *y);
@@ -339,22 +347,22 @@ impl<T: Real> Affine<'_, T> {
             }
             if self.relu {
                 for y in y {
-                    *y = y.larger(T::nil());
+                    *y = y.larger(T::ZERO);
                 }
             }
         }
     }
 }
 
-/// See [`Pictures::gradient`]: the columns of dW for the pixels from `first` on.
+/// See [`BinaryImages::gradient`]: the columns of dW for the pixels from `first` on.
 struct WeightGradient<'a, T> {
-    pictures: &'a Pictures,
+    images: &'a BinaryImages,
     n_out: usize,
     dw: &'a mut [T],
     db: &'a [T],
     which: &'a [u32],
     dy: &'a [T],
-    place: Place,
+    place: OutputRows,
     first: usize,
 }
 
@@ -372,28 +380,28 @@ impl<T: Real> WeightGradient<'_, T> {
         self.first..self.first + self.dw.len() / self.n_out
     }
 
-    /// What every column starts from: the pixels lit in the reference are lit in all pictures but for the changes.
+    /// What every column starts from: the pixels lit in the reference are lit in all images but for the changes.
     #[inline(always)]
     fn start(&mut self, at: usize, len: usize) {
-        for (dw, &lit) in self.dw.chunks_exact_mut(self.n_out).zip(&self.pictures.reference[self.first..]) {
+        for (dw, &lit) in self.dw.chunks_exact_mut(self.n_out).zip(&self.images.reference[self.first..]) {
             let dw = &mut dw[at..at + len];
             if lit {
                 dw.copy_from_slice(&self.db[at..at + len]);
             } else {
-                dw.fill(T::nil());
+                dw.fill(T::ZERO);
             }
         }
     }
 
     #[inline(always)]
     fn run<S: Simd, const V: usize>(&mut self, simd: S, at: usize) {
-        let (pictures, lanes) = (self.pictures, T::count::<S>());
-        let factors = pictures.factors();
+        let (images, lanes) = (self.images, T::count::<S>());
+        let factors = images.factors();
         self.start(at, V * lanes);
-        for (&picture, dy) in self.which.iter().zip(self.dy.chunks_exact(self.place.stride)) {
+        for (&image, dy) in self.which.iter().zip(self.dy.chunks_exact(self.place.stride)) {
             let dy = T::cut::<S>(&dy[self.place.offset + at..][..V * lanes]);
             let dy: [T::V<S>; V] = std::array::from_fn(|v| dy[v]);
-            for &change in pictures.changes_at(picture, self.entries()) {
+            for &change in images.changes_at(image, self.entries()) {
                 let factor = T::splat(simd, factors.of(change));
                 let entry = entry(change) - self.first;
                 let dw = T::cut_mut::<S>(&mut self.dw[entry * self.n_out + at..][..V * lanes]);
@@ -406,11 +414,11 @@ impl<T: Real> WeightGradient<'_, T> {
 
     #[inline(always)]
     fn rest(&mut self, at: usize) {
-        let (pictures, n_out, factors) = (self.pictures, self.n_out, self.pictures.factors::<T>());
+        let (images, n_out, factors) = (self.images, self.n_out, self.images.factors::<T>());
         self.start(at, n_out - at);
-        for (&picture, dy) in self.which.iter().zip(self.dy.chunks_exact(self.place.stride)) {
+        for (&image, dy) in self.which.iter().zip(self.dy.chunks_exact(self.place.stride)) {
             let dy = &dy[self.place.offset..][at..n_out];
-            for &change in pictures.changes_at(picture, self.entries()) {
+            for &change in images.changes_at(image, self.entries()) {
                 let (entry, factor) = (entry(change) - self.first, factors.of(change));
                 for (dw, &dy) in self.dw[entry * n_out..][at..n_out].iter_mut().zip(dy) {
                     *dw = factor.fma(dy, *dw);
@@ -422,7 +430,7 @@ impl<T: Real> WeightGradient<'_, T> {
 
 /// Where a layer's outputs lie in a longer column.
 #[derive(Debug, Clone, Copy)]
-pub struct Place {
+pub struct OutputRows {
     /// Length of the column.
     pub stride: usize,
     /// Where the outputs begin.
@@ -449,27 +457,27 @@ mod tests {
     use rand::SeedableRng as _;
 
     use super::*;
-    use crate::nn::{mat::Into, mlp::Layout};
+    use crate::nn::{mat::Accumulate, mlp::Layout};
 
     #[test]
     fn differences_give_the_dense_product_and_its_gradient() {
         let mut rng = crate::num::rng::Rng::seed_from_u64(3);
         let (pixels, n_out, count) = (37, 5, 11);
         let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 4) == 0)).collect();
-        let mut pictures = Pictures::new(&frames[..pixels]);
-        pictures.extend(&frames);
+        let mut images = BinaryImages::new(&frames[..pixels]);
+        images.extend(&frames);
         let mut layout = Layout::default();
         let layer = layout.linear("first", pixels, n_out);
         let arena: Vec<f64> = layout.initialize(&mut rng);
         let which: Vec<u32> = (0..count as u32).rev().collect();
         let x: Vec<f64> =
             which.iter().flat_map(|&i| &frames[i as usize * pixels..][..pixels]).map(|&p| p.into()).collect();
-        let place = Place { stride: n_out + 3, offset: 2 };
+        let place = OutputRows { stride: n_out + 3, offset: 2 };
 
         let (mut base, mut dense) = (vec![0.0; n_out], vec![0.0; n_out * count]);
         let mut sparse = vec![0.0; place.stride * count];
-        pictures.base(&layer, &arena, &mut base);
-        pictures.affine(&layer, &arena, &base, &which, &mut sparse, place, true);
+        images.base(&layer, &arena, &mut base);
+        images.affine(&layer, &arena, &base, &which, &mut sparse, place, true);
         layer.forward(&arena, &x, &mut dense, true);
         for (dense, sparse) in dense.chunks(n_out).zip(sparse.chunks(place.stride)) {
             assert!(dense.iter().zip(&sparse[2..]).all(|(a, b)| (a - b).abs() < 1e-14));
@@ -478,30 +486,30 @@ mod tests {
         let dy: Vec<f64> = sparse.iter().enumerate().map(|(i, _)| (i as f64).sin()).collect();
         let dense_dy: Vec<f64> = dy.chunks(place.stride).flat_map(|dy| &dy[2..2 + n_out]).copied().collect();
         let [mut want, mut one, mut two] = [(); 3].map(|()| vec![0.0; layout.len]);
-        layer.gradient(1, &mut want, Into::Replace, &x, &dense_dy);
-        pictures.gradient(1, &layer, &mut one, &which, &dy, place);
-        pictures.gradient(2, &layer, &mut two, &which, &dy, place);
+        layer.gradient(1, &mut want, Accumulate::Replace, &x, &dense_dy);
+        images.gradient(1, &layer, &mut one, &which, &dy, place);
+        images.gradient(2, &layer, &mut two, &which, &dy, place);
         assert!(want.iter().zip(&one).all(|(a, b)| (a - b).abs() < 1e-13));
         assert_eq!(one, two);
-        assert_eq!(pictures.lit(3).count(), frames[3 * pixels..4 * pixels].iter().filter(|&&p| p != 0).count());
+        assert_eq!(images.lit(3).count(), frames[3 * pixels..4 * pixels].iter().filter(|&&p| p != 0).count());
     }
 
     #[test]
     fn squares_are_read_as_the_share_of_their_pixels_that_is_lit() {
         let mut rng = crate::num::rng::Rng::seed_from_u64(4);
-        let (squares, pixels, n_out, count) = (Squares { columns: 12, side: 3 }, 6 * 12, 5, 7);
+        let (patches, pixels, n_out, count) = (PooledPatches { columns: 12, side: 3 }, 6 * 12, 5, 7);
         let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
-        let mut pictures = Pictures::in_squares(pixels, squares);
-        pictures.extend(&frames);
-        let share = |picture: usize, square: usize| {
-            let (top, left) = (square / 4 * 3, square % 4 * 3);
-            let rows = (0..3).map(|row| picture * pixels + (top + row) * 12 + left);
+        let mut images = BinaryImages::pooled(pixels, patches);
+        images.extend(&frames);
+        let share = |image: usize, patch: usize| {
+            let (top, left) = (patch / 4 * 3, patch % 4 * 3);
+            let rows = (0..3).map(|row| image * pixels + (top + row) * 12 + left);
             rows.map(|at| frames[at..at + 3].iter().map(|&p| f64::from(p)).sum::<f64>()).sum::<f64>() / 9.0
         };
         let x: Vec<f64> = (0..count * 8).map(|i| share(i / 8, i % 8)).collect();
-        for (picture, x) in x.chunks(8).enumerate() {
-            for (square, lit) in pictures.lit(picture as u32) {
-                assert_eq!(lit as f64, (9.0 * x[square]).round());
+        for (image, x) in x.chunks(8).enumerate() {
+            for (patch, lit) in images.lit(image as u32) {
+                assert_eq!(lit as f64, (9.0 * x[patch]).round());
             }
         }
 
@@ -509,45 +517,45 @@ mod tests {
         let layer = layout.linear("first", 8, n_out);
         let arena: Vec<f64> = layout.initialize(&mut rng);
         let which: Vec<u32> = (0..count as u32).collect();
-        let place = Place { stride: n_out, offset: 0 };
+        let place = OutputRows { stride: n_out, offset: 0 };
         let (mut base, mut dense, mut sparse) = (vec![0.0; n_out], vec![0.0; n_out * count], vec![0.0; n_out * count]);
-        pictures.base(&layer, &arena, &mut base);
-        pictures.affine(&layer, &arena, &base, &which, &mut sparse, place, false);
+        images.base(&layer, &arena, &mut base);
+        images.affine(&layer, &arena, &base, &which, &mut sparse, place, false);
         layer.forward(&arena, &x, &mut dense, false);
         assert!(dense.iter().zip(&sparse).all(|(a, b)| (a - b).abs() < 1e-14));
 
         let dy: Vec<f64> = (0..n_out * count).map(|i| (i as f64).sin()).collect();
         let [mut want, mut got] = [(); 2].map(|()| vec![0.0; layout.len]);
-        layer.gradient(1, &mut want, Into::Replace, &x, &dy);
-        pictures.gradient(2, &layer, &mut got, &which, &dy, place);
+        layer.gradient(1, &mut want, Accumulate::Replace, &x, &dy);
+        images.gradient(2, &layer, &mut got, &which, &dy, place);
         assert!(want.iter().zip(&got).all(|(a, b)| (a - b).abs() < 1e-13));
     }
 
     #[test]
     fn thinned_squares_are_read_right_on_average_and_decoded_whole() {
         let mut rng = Rng::seed_from_u64(6);
-        let (squares, pixels, count) = (Squares { columns: 4, side: 2 }, 16, 3);
+        let (patches, pixels, count) = (PooledPatches { columns: 4, side: 2 }, 16, 3);
         let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 2) == 0)).collect();
-        let mut pictures = Pictures::in_squares(pixels, squares);
-        pictures.extend(&frames);
+        let mut images = BinaryImages::pooled(pixels, patches);
+        images.extend(&frames);
         let mut layout = Layout::default();
         let layer = layout.linear("first", 4, 2);
         let arena: Vec<f64> = layout.initialize(&mut rng);
-        let read = |pictures: &Pictures, which: &[u32]| {
+        let read = |images: &BinaryImages, which: &[u32]| {
             let (mut base, mut y) = (vec![0.0; 2], vec![0.0; 2 * which.len()]);
-            pictures.base(&layer, &arena, &mut base);
-            pictures.affine(&layer, &arena, &base, which, &mut y, Place { stride: 2, offset: 0 }, false);
+            images.base(&layer, &arena, &mut base);
+            images.affine(&layer, &arena, &base, which, &mut y, OutputRows { stride: 2, offset: 0 }, false);
             y
         };
-        let whole = read(&pictures, &[2, 0]);
+        let whole = read(&images, &[2, 0]);
         let (mut mean, draws) = (vec![0.0; 4], 4000);
         for _ in 0..draws {
-            let thinned = pictures.thinned(&[2, 0], 0.25, &mut rng);
-            assert!(thinned.lit(0).eq(pictures.lit(2)) && thinned.lit(1).eq(pictures.lit(0)));
+            let thinned = images.with_dropout(&[2, 0], 0.25, &mut rng);
+            assert!(thinned.lit(0).eq(images.lit(2)) && thinned.lit(1).eq(images.lit(0)));
             let y = read(&thinned, &[0, 1]);
             mean.iter_mut().zip(y).for_each(|(mean, y)| *mean += y / f64::from(draws));
         }
         assert!(mean.iter().zip(&whole).all(|(a, b)| (a - b).abs() < 0.03), "{mean:?} {whole:?}");
-        assert_ne!(read(&pictures.thinned(&[2, 0], 0.25, &mut rng), &[0, 1]), whole);
+        assert_ne!(read(&images.with_dropout(&[2, 0], 0.25, &mut rng), &[0, 1]), whole);
     }
 }

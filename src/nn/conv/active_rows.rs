@@ -1,13 +1,13 @@
-//! Where the layers of a picture can differ from those of the blank picture.
+//! Where the layers of an image can differ from those of the blank image.
 
 use std::ops::Range;
 
 use super::{Conv, SIDE};
 
-/// In every row of a layer's output one run of pixels, outside of which it is that of the blank picture. Empty runs begin
+/// In every row of a layer's output one run of pixels, outside of which it is that of the blank image. Empty runs begin
 /// behind their end.
 #[derive(Debug, Clone)]
-pub(super) struct Spans(Vec<[usize; 2]>);
+pub(super) struct ActiveRows(Vec<[usize; 2]>);
 
 const EMPTY: [usize; 2] = [usize::MAX, 0];
 
@@ -16,7 +16,7 @@ fn hull(a: [usize; 2], b: [usize; 2]) -> [usize; 2] {
     [a[0].min(b[0]), a[1].max(b[1])]
 }
 
-impl Spans {
+impl ActiveRows {
     /// Nothing differs yet.
     pub(super) fn new(rows: usize) -> Self {
         Self(vec![EMPTY; rows])
@@ -33,8 +33,8 @@ impl Spans {
         let rows = self.0.len();
         for (row, [from, to]) in runs {
             let run = [from.saturating_sub(reach), (to + reach).min(columns)];
-            for span in &mut self.0[row.saturating_sub(reach)..(row + reach + 1).min(rows)] {
-                *span = hull(*span, run);
+            for active in &mut self.0[row.saturating_sub(reach)..(row + reach + 1).min(rows)] {
+                *active = hull(*active, run);
             }
         }
     }
@@ -43,15 +43,15 @@ impl Spans {
     pub(super) fn after(&mut self, conv: &Conv, input: &Self) {
         let [stride, columns] = [conv.stride, conv.core[1]];
         let rows = self.0.iter_mut().enumerate();
-        for (row, span) in rows {
+        for (row, active) in rows {
             let first = (row * stride).saturating_sub(conv.before[0]);
             let end = (row * stride + SIDE - conv.before[0]).min(conv.input[0]);
             let [from, to] = input.0[first..end].iter().fold(EMPTY, |a, &b| hull(a, b));
-            *span = EMPTY;
+            *active = EMPTY;
             if from < to {
                 // Output o reads the pixels from o stride - before on, SIDE of them.
                 let low = (from + conv.before[1]).saturating_sub(SIDE - 1).div_ceil(stride);
-                *span = [low, ((to - 1 + conv.before[1]) / stride + 1).min(columns)];
+                *active = [low, ((to - 1 + conv.before[1]) / stride + 1).min(columns)];
             }
         }
     }

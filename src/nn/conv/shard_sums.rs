@@ -9,14 +9,14 @@ use crate::{
     num::{Real, simd::vectorize},
 };
 
-/// Shares of a batch.
+/// ShardSums of a batch.
 const SHARES: usize = 8;
 
 /// What every thread has of its own, one for each.
 #[derive(Debug)]
-pub struct Slots<'a, S>(pub(super) &'a mut [S]);
+pub struct PerThread<'a, S>(pub(super) &'a mut [S]);
 
-impl<S> Cut for Slots<'_, S> {
+impl<S> Cut for PerThread<'_, S> {
     fn cut(self, _: usize) -> (Self, Self) {
         let (left, right) = self.0.split_at_mut(self.0.len() / 2);
         (Self(left), Self(right))
@@ -25,44 +25,44 @@ impl<S> Cut for Slots<'_, S> {
 
 struct Columns<'a, T, S> {
     sums: BlockMut<'a, T>,
-    slots: Slots<'a, S>,
+    per_thread: PerThread<'a, S>,
 }
 
 impl<T, S> Cut for Columns<'_, T, S> {
     fn cut(self, samples: usize) -> (Self, Self) {
-        let ((sums, right), (slots, slots_right)) = (self.sums.cut(samples), self.slots.cut(samples));
-        (Self { sums, slots }, Self { sums: right, slots: slots_right })
+        let ((sums, right), (per_thread, per_thread_right)) = (self.sums.cut(samples), self.per_thread.cut(samples));
+        (Self { sums, per_thread }, Self { sums: right, per_thread: per_thread_right })
     }
 }
 
 /// For every share the sums of each layer: the core's weights, then its biases; the caller's own come last.
 #[derive(Debug, Clone)]
-pub struct Shares<T> {
+pub struct ShardSums<T> {
     width: usize,
     sums: Block<T>,
 }
 
-impl<T: Real> Shares<T> {
+impl<T: Real> ShardSums<T> {
     /// Room for the layers' sums, and for `more` of the caller's.
     pub(super) fn new(convs: &[Conv], more: usize) -> Self {
         let width = convs.iter().map(|conv| conv.forward.weights() + conv.forward.c_out).sum::<usize>() + more;
         Self { width, sums: Block::new(width, SHARES) }
     }
 
-    /// Begins the sums anew: calls `add` for each share, with its pictures, its sums, and what the thread has of its own.
+    /// Begins the sums anew: calls `add` for each share, with its images, its sums, and what the thread has of its own.
     pub(super) fn sum<S: Send>(
         &mut self,
         threads: usize,
-        pictures: usize,
-        slots: &mut [S],
+        images: usize,
+        per_thread: &mut [S],
         add: &(impl Fn(Range<usize>, &mut [T], &mut S) + Sync),
     ) {
-        self.sums.data.fill(T::nil());
-        let columns = Columns { sums: self.sums.view(SHARES), slots: Slots(slots) };
+        self.sums.data.fill(T::ZERO);
+        let columns = Columns { sums: self.sums.view(SHARES), per_thread: PerThread(per_thread) };
         over_samples(threads, 0, SHARES, columns, &|first, count, mut c| {
             for share in 0..count {
-                let [low, high] = [first + share, first + share + 1].map(|share| pictures * share / SHARES);
-                add(low..high, c.sums.of(share), &mut c.slots.0[0]);
+                let [low, high] = [first + share, first + share + 1].map(|share| images * share / SHARES);
+                add(low..high, c.sums.sample(share), &mut c.per_thread.0[0]);
             }
         });
     }

@@ -1,13 +1,13 @@
-//! The first convolution of binary pictures, by their lit pixels alone: a few per cent of them.
+//! The first convolution of binary images, by their lit pixels alone: a few per cent of them.
 //!
-//! Lit pixels come in runs, and an output reads a run through neighbouring taps of a row of the filter. So what it adds is
+//! SparseConv pixels come in runs, and an output reads a run through neighbouring taps of a row of the filter. So what it adds is
 //! one of 15 sums of such taps, made once a step.
 
-use super::{Conv, SIDE, spans::Spans};
+use super::{Conv, SIDE, active_rows::ActiveRows};
 use crate::{
     nn::{
+        binary_images::BinaryImages,
         mlp::{Layout, Linear},
-        pictures::Pictures,
     },
     num::{Real, simd::vectorize},
 };
@@ -20,14 +20,14 @@ const TAP_RUNS: usize = SIDE * (SIDE + 1) / 2;
 
 /// A 5x5 convolution of stride 1 with ReLU on observations, which lie frame by frame, row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Lit {
+pub(super) struct SparseConv {
     /// Its parameters: W \[tap\]\[frame\]\[output\].
     pub(super) weights: Linear,
     frames: usize,
     size: [usize; 2],
 }
 
-/// Lit pixels side by side: frame, row, and the columns from..to.
+/// SparseConv pixels side by side: frame, row, and the columns from..to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Run {
     frame: usize,
@@ -49,7 +49,7 @@ fn add<T: Real>(sum: &mut [T], x: &[T]) {
     }
 }
 
-impl Lit {
+impl SparseConv {
     /// A layer on observations of so many frames of `size` rows and columns.
     pub(super) fn new(layout: &mut Layout, name: &str, frames: usize, size: [usize; 2], c_out: usize) -> Self {
         let n_in = SIDE * SIDE * frames;
@@ -84,9 +84,9 @@ impl Lit {
     }
 
     /// The weights summed over runs of taps; once a step.
-    pub(super) fn prepare<T: Real>(&self, arena: &[T], sums: &mut [T]) {
+    pub(super) fn pack<T: Real>(&self, arena: &[T], sums: &mut [T]) {
         let (w, c) = (self.weights.w(arena), self.weights.n_out);
-        sums.fill(T::nil());
+        sums.fill(T::ZERO);
         self.each_tap(|tap, at| add(&mut sums[at..at + c], &w[tap..tap + c]));
     }
 
@@ -94,16 +94,16 @@ impl Lit {
     pub(super) fn unfold<T: Real>(&self, d_sums: &[T], gradient: &mut [T]) {
         let c = self.weights.n_out;
         let (dw, db) = self.weights.w_b_mut(gradient);
-        dw.fill(T::nil());
+        dw.fill(T::ZERO);
         self.each_tap(|tap, at| add(&mut dw[tap..tap + c], &d_sums[at..at + c]));
         db.copy_from_slice(&d_sums[self.run_weights()..]);
     }
 
-    /// The lit pixels of a picture.
-    pub(super) fn runs(&self, pictures: &Pictures, picture: u32, runs: &mut Vec<Run>) {
+    /// The lit pixels of an image.
+    pub(super) fn runs(&self, images: &BinaryImages, image: u32, runs: &mut Vec<Run>) {
         let [rows, columns] = self.size;
         runs.clear();
-        for (pixel, _) in pictures.lit(picture) {
+        for (pixel, _) in images.lit(image) {
             let (line, column) = (pixel / columns, pixel % columns);
             let (frame, row) = (line / rows, line % rows);
             match runs.last_mut() {
@@ -113,10 +113,10 @@ impl Lit {
         }
     }
 
-    /// Where the outputs differ from those of the blank picture.
-    pub(super) fn spans(&self, runs: &[Run], spans: &mut Spans) {
+    /// Where the outputs differ from those of the blank image.
+    pub(super) fn active_rows(&self, runs: &[Run], active_rows: &mut ActiveRows) {
         let places = runs.iter().map(|run| (run.row, [run.from, run.to]));
-        spans.around(places, self.size[1], REACH);
+        active_rows.around(places, self.size[1], REACH);
     }
 
     /// Every output pixel that a run has a part in, and the sum of taps that reads the run.
@@ -134,21 +134,21 @@ impl Lit {
         }
     }
 
-    /// The outputs for the blank picture, into the padded input of the next layer.
+    /// The outputs for the blank image, into the padded input of the next layer.
     pub(super) fn blank<T: Real>(&self, arena: &[T], next: &Conv, y: &mut [T]) {
         let (b, c) = (self.weights.b(arena), self.weights.n_out);
         for r in 0..self.size[0] {
             for y in y[next.input_at(r, 0)..][..self.size[1] * c].chunks_exact_mut(c) {
-                y.iter_mut().zip(b).for_each(|(y, b)| *y = b.larger(T::nil()));
+                y.iter_mut().zip(b).for_each(|(y, b)| *y = b.larger(T::ZERO));
             }
         }
     }
 
-    /// The outputs of a picture's spans, into the padded input of the next layer. `sums` are the weights over runs of taps.
+    /// The outputs of an image's active_rows, into the padded input of the next layer. `sums` are the weights over runs of taps.
     pub(super) fn forward<T: Real>(
         &self,
         (arena, sums): (&[T], &[T]),
-        (runs, spans): (&[Run], &Spans),
+        (runs, active_rows): (&[Run], &ActiveRows),
         next: &Conv,
         y: &mut [T],
     ) {
@@ -156,8 +156,8 @@ impl Lit {
         vectorize(
             #[inline(always)]
             || {
-                for (r, span) in spans.iter() {
-                    for y in y[next.input_at(r, span.start)..][..span.len() * c].chunks_exact_mut(c) {
+                for (r, active) in active_rows.iter() {
+                    for y in y[next.input_at(r, active.start)..][..active.len() * c].chunks_exact_mut(c) {
                         y.copy_from_slice(b);
                     }
                 }
@@ -168,21 +168,21 @@ impl Lit {
                         |at, [r, column]| add(&mut y[next.input_at(r, column)..][..c], &sums[at..at + c]),
                     );
                 }
-                for (r, span) in spans.iter() {
-                    for y in &mut y[next.input_at(r, span.start)..][..span.len() * c] {
-                        *y = y.larger(T::nil());
+                for (r, active) in active_rows.iter() {
+                    for y in &mut y[next.input_at(r, active.start)..][..active.len() * c] {
+                        *y = y.larger(T::ZERO);
                     }
                 }
             },
         );
     }
 
-    /// Adds the gradients of sums over runs of taps, then of biases, for a picture's spans. `y` is what [`Lit::forward`]
+    /// Adds the gradients of sums over runs of taps, then of biases, for an image's active_rows. `y` is what [`SparseConv::forward`]
     /// put out; `d_y`, the gradient with respect to it without borders, is masked here and summed into `before` first.
     #[allow(clippy::too_many_arguments, reason = "a way back names what went forth and where its gradients go")]
     pub(super) fn gradient<T: Real>(
         &self,
-        (runs, spans): (&[Run], &Spans),
+        (runs, active_rows): (&[Run], &ActiveRows),
         next: &Conv,
         y: &[T],
         d_y: &mut [T],
@@ -195,13 +195,13 @@ impl Lit {
         vectorize(
             #[inline(always)]
             || {
-                for (r, span) in spans.iter() {
-                    let y = &y[next.input_at(r, span.start)..][..span.len() * c];
-                    let d_y = &mut d_y[r * row + span.start * c..][..span.len() * c];
+                for (r, active) in active_rows.iter() {
+                    let y = &y[next.input_at(r, active.start)..][..active.len() * c];
+                    let d_y = &mut d_y[r * row + active.start * c..][..active.len() * c];
                     for (d_y, y) in d_y.chunks_exact_mut(c).zip(y.chunks_exact(c)) {
                         add(before, d_y);
                         for (d_y, &y) in d_y.iter_mut().zip(y) {
-                            *d_y = if y > T::nil() { *d_y } else { T::nil() };
+                            *d_y = if y > T::ZERO { *d_y } else { T::ZERO };
                         }
                         add(db, d_y);
                     }
@@ -217,8 +217,8 @@ impl Lit {
         );
     }
 
-    /// Adds the gradient of the biases for the blank picture. `d_y` is the sum of the gradients with respect to the
-    /// outputs of all pictures, without borders; `in_spans` what of it lay in their spans, and is used up.
+    /// Adds the gradient of the biases for the blank image. `d_y` is the sum of the gradients with respect to the
+    /// outputs of all images, without borders; `in_spans` what of it lay in their active_rows, and is used up.
     pub(super) fn blank_gradient<T: Real>(&self, arena: &[T], d_y: &[T], in_spans: &mut [T], gradient: &mut [T]) {
         let c = self.weights.n_out;
         vectorize(
@@ -231,7 +231,7 @@ impl Lit {
         );
         let db = &mut gradient[self.run_weights()..];
         for ((db, &b), &rest) in db.iter_mut().zip(self.weights.b(arena)).zip(&*in_spans) {
-            *db -= if b > T::nil() { rest } else { T::nil() };
+            *db -= if b > T::ZERO { rest } else { T::ZERO };
         }
     }
 }
