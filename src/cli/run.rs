@@ -105,10 +105,10 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
         audience.progress.hear(&Event::Warning { node: None, text });
     }
     audience.progress.close();
+    let end = summary::End::of(&report, graph, &store, kinds);
     if args.json {
-        out::line(&summary::json(&report).to_string());
+        out::line(&summary::json(&report, end.headline()).to_string());
     }
-    let end = summary::End { graph, store: &store, kinds };
     summary::print(&report, &end, global, args.json, &argv);
     Ok(match report.state {
         RunState::Finished => Exit::Ok,

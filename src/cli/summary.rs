@@ -11,9 +11,14 @@ use super::{
 };
 use crate::{
     pipeline::Graph,
+    report::{
+        headline::{Headline, headline},
+        outcomes::{Outcome, outcomes},
+    },
     run::{
         events::{NodeState, RunState},
         execute::{NodeReport, Report},
+        manifest::Manifest,
     },
     stage::Kind,
     store::Store,
@@ -23,7 +28,7 @@ use crate::{
 const ROWS: usize = 24;
 
 /// The last line of `--json`.
-pub(crate) fn json(report: &Report) -> Value {
+pub(crate) fn json(report: &Report, headline: Option<Headline>) -> Value {
     let node = |node: &NodeReport| {
         let error = node.failure.as_ref().map(|failure| &failure.text);
         json!({
@@ -32,6 +37,8 @@ pub(crate) fn json(report: &Report) -> Value {
         })
     };
     let nodes: Map<String, Value> = report.nodes.iter().map(|it| (it.name.clone(), node(it))).collect();
+    let percent_goal = headline.filter(|it| it.metric == "percent_goal").map(|it| it.mean);
+    let headline = headline.map(|it| json!({ "metric": it.metric, "mean": it.mean, "models": it.models }));
     json!({
         "version": 1,
         "run": report.run,
@@ -40,7 +47,8 @@ pub(crate) fn json(report: &Report) -> Value {
         "cached": report.count(NodeState::Cached),
         "failed": report.count(NodeState::Failed),
         "wall_secs": report.wall_secs,
-        "percent_goal": report.percent_goal,
+        "percent_goal": percent_goal,
+        "headline": headline,
         "nodes": nodes,
     })
 }
@@ -52,18 +60,18 @@ pub(crate) fn print(report: &Report, end: &End<'_>, global: &Global, json: bool,
         let paint = global.color.on_stdout();
         let ran_any = report.nodes.iter().any(|node| node.state != NodeState::Cached);
         if (ran_any && !global.quiet) || global.verbose {
-            out::print(&table(report, graph, paint));
+            out::print(&table(report, graph, end.kinds, paint));
         }
-        let reached = end.reached(report);
+        let (metric, reached) = end.reached();
         if reached.len() > 1
             && let Ok(grid) = Grid::new(reached, "task", "algorithm")
         {
-            let about = About { metric: "percent_goal", rows: "task", cols: "algorithm" };
-            out::line(&format!("\n{}", paint.dim("percent_goal: mean ± standard error (models)")));
+            let about = About { metric, rows: "task", cols: "algorithm" };
+            out::line(&format!("\n{}", paint.dim(&format!("{metric}: mean ± standard error (models)"))));
             out::line(&render::short(&grid, about, Format::Text, paint));
-            out::line(&closing(report, &[], paint));
+            out::line(&closing(report, None, paint));
         } else {
-            out::line(&closing(report, &end.reached(report), paint));
+            out::line(&closing(report, end.headline_text().as_deref(), paint));
         }
         if !global.quiet {
             let elsewhere = global.artifacts != Path::new("artifacts") && std::env::var_os("CARL_ARTIFACTS").is_none();
@@ -89,28 +97,50 @@ pub(crate) fn print(report: &Report, end: &End<'_>, global: &Global, json: bool,
 
 /// What the end of a run is told from.
 pub(crate) struct End<'a> {
-    pub(crate) graph: &'a Graph,
-    pub(crate) store: &'a Store,
-    pub(crate) kinds: &'a [Kind],
+    graph: &'a Graph,
+    store: &'a Store,
+    kinds: &'a [Kind],
+    /// `None` where it cannot be read.
+    manifest: Option<Manifest>,
 }
 
-impl End<'_> {
-    /// What the final evaluations reached; nothing where the manifest cannot be read.
-    fn reached(&self, report: &Report) -> Vec<Series> {
-        let all = table::all_outcomes(self.store, std::slice::from_ref(&report.run), self.kinds);
-        let finals = all.unwrap_or_default().into_iter().filter(|outcome| outcome.is_last).collect();
-        table::series::pooled(finals, "percent_goal", true, self.store).unwrap_or_default()
+impl<'a> End<'a> {
+    /// Reads the manifest of a run that has ended.
+    pub(crate) fn of(report: &Report, graph: &'a Graph, store: &'a Store, kinds: &'a [Kind]) -> Self {
+        Self { graph, store, kinds, manifest: Manifest::read(&report.path).ok() }
+    }
+
+    /// See [`headline`].
+    pub(crate) fn headline(&self) -> Option<Headline> {
+        headline(self.manifest.as_ref()?, self.kinds)
+    }
+
+    /// The headline metric of the final results, and the final results pooled over seeds.
+    fn reached(&self) -> (&'static str, Vec<Series>) {
+        let all = self.manifest.as_ref().map_or_else(Vec::new, |manifest| outcomes(manifest, self.kinds));
+        let finals: Vec<Outcome> = all.into_iter().filter(|outcome| outcome.is_last).collect();
+        let metric = finals.first().map_or("", |outcome| outcome.headline);
+        (metric, table::series::pooled(finals, metric, true, self.store).unwrap_or_default())
+    }
+
+    /// The headline for the closing line, with its standard error where there are several models.
+    fn headline_text(&self) -> Option<String> {
+        let (metric, reached) = self.reached();
+        match &reached[..] {
+            [one] if one.summary.n > 1 => Some(format!("{metric} {}", render::mean(&one.summary))),
+            _ => self.headline().map(|it| format!("{} {}", it.metric, out::number(it.mean))),
+        }
     }
 }
 
-fn table(report: &Report, graph: &Graph, paint: Paint) -> String {
+fn table(report: &Report, graph: &Graph, kinds: &[Kind], paint: Paint) -> String {
     let mut rows = Vec::new();
     if report.nodes.len() <= ROWS {
         rows.extend(
             report
                 .nodes
                 .iter()
-                .map(|node| vec![node.name.clone(), state(node.state, paint), time(node.secs), headline(node)]),
+                .map(|node| vec![node.name.clone(), state(node.state, paint), time(node.secs), metric(node, kinds)]),
         );
     } else {
         let mut groups: Vec<(&str, Vec<&NodeReport>)> = Vec::new();
@@ -123,19 +153,19 @@ fn table(report: &Report, graph: &Graph, paint: Paint) -> String {
                 None => groups.push((name, vec![node])),
             }
         }
-        rows.extend(groups.iter().map(|(name, nodes)| group_row(name, nodes, graph.is_suite(), paint)));
+        rows.extend(groups.iter().map(|(name, nodes)| group_row(name, nodes, graph.is_suite(), kinds, paint)));
     }
     out::table(&rows)
 }
 
-fn group_row(name: &str, nodes: &[&NodeReport], is_member: bool, paint: Paint) -> Vec<String> {
+fn group_row(name: &str, nodes: &[&NodeReport], is_member: bool, kinds: &[Kind], paint: Paint) -> Vec<String> {
     let mut counts: BTreeMap<u8, (NodeState, usize)> = BTreeMap::new();
     for node in nodes {
         counts.entry(node.state as u8).or_insert((node.state, 0)).1 += 1;
     }
     let states = counts.values().map(|(it, count)| format!("{} {count}", state(*it, paint)));
     let last = nodes.iter().rev().find(|node| !node.metrics.is_empty() && !is_member);
-    let metric = last.map_or_else(String::new, |node| headline(node));
+    let metric = last.map_or_else(String::new, |node| metric(node, kinds));
     let secs: f64 = nodes.iter().map(|node| node.secs).sum();
     vec![format!("{name} x{}", nodes.len()), states.collect::<Vec<_>>().join(", "), time(secs), metric]
 }
@@ -154,13 +184,14 @@ fn time(secs: f64) -> String {
     if secs > 0.0 { duration(secs) } else { String::new() }
 }
 
-/// `percent_goal` where there is one, else the first metric.
-fn headline(node: &NodeReport) -> String {
-    let first = node.metrics.get_key_value("percent_goal").or_else(|| node.metrics.first_key_value());
+/// A headline metric where there is one, else the first metric.
+fn metric(node: &NodeReport, kinds: &[Kind]) -> String {
+    let mut headlines = kinds.iter().filter_map(|kind| kind.headline);
+    let first = headlines.find_map(|name| node.metrics.get_key_value(name)).or_else(|| node.metrics.first_key_value());
     first.map_or_else(String::new, |(name, value)| format!("{name} {}", out::number(*value)))
 }
 
-fn closing(report: &Report, reached: &[Series], paint: Paint) -> String {
+fn closing(report: &Report, headline: Option<&str>, paint: Paint) -> String {
     let mut parts = Vec::new();
     let all = [
         (NodeState::Ran, "ran"),
@@ -175,10 +206,7 @@ fn closing(report: &Report, reached: &[Series], paint: Paint) -> String {
             parts.push(format!("{count} {word}"));
         }
     }
-    let metric = match reached {
-        [one] if one.summary.n > 1 => format!("; percent_goal {}", render::mean(&one.summary)),
-        _ => report.percent_goal.map_or_else(String::new, |value| format!("; percent_goal {}", out::number(value))),
-    };
+    let metric = headline.map_or_else(String::new, |text| format!("; {text}"));
     format!("{}{}", paint.bold(&format!("{} in {}", parts.join(", "), duration(report.wall_secs))), paint.bold(&metric))
 }
 

@@ -18,14 +18,14 @@ use crate::{
     store::Store,
 };
 
-/// The artifact that outcomes are read off.
-const EVALUATION: &str = "evaluation";
 /// What the number of samples is counted by.
 const TRANSITIONS: &str = "transitions";
 
-/// One evaluation of one model.
+/// One result of one model: what a stage whose kind declares a headline metric measured.
 #[derive(Debug, Clone)]
 pub struct Outcome {
+    /// The metric that it is judged by (`Stage::HEADLINE`).
+    pub headline: &'static str,
     /// The run.
     pub run: String,
     /// The commit of the program that ran it.
@@ -67,11 +67,11 @@ pub fn is_done(node: &NodeRecord) -> bool {
     matches!(node.state, NodeState::Ran | NodeState::Cached)
 }
 
-/// Every finished evaluation of a run, in the order of its nodes.
+/// Every finished result of a run, in the order of its nodes.
 pub fn outcomes(manifest: &Manifest, kinds: &[Kind]) -> Vec<Outcome> {
     let reader = Reader::new(manifest, kinds);
-    let evaluations = (0..manifest.nodes.len()).filter(|&id| reader.gives(id, EVALUATION));
-    evaluations.filter(|&id| is_done(&manifest.nodes[id])).map(|id| reader.outcome(id)).collect()
+    let done = manifest.nodes.iter().enumerate().filter(|(_, node)| is_done(node));
+    done.filter_map(|(id, node)| Some(reader.outcome(id, reader.kind(node)?.headline?))).collect()
 }
 
 struct Reader<'a> {
@@ -86,15 +86,19 @@ impl<'a> Reader<'a> {
         Self { manifest, kinds, by_name }
     }
 
-    fn gives(&self, id: usize, artifact: &str) -> bool {
-        let kind = &self.manifest.nodes[id].kind;
-        self.kinds.iter().any(|known| known.name == kind && known.output == artifact)
+    fn kind(&self, node: &NodeRecord) -> Option<&'a Kind> {
+        self.kinds.iter().find(|kind| kind.name == node.kind)
     }
 
-    fn outcome(&self, id: usize) -> Outcome {
+    fn gives(&self, id: usize, artifact: &str) -> bool {
+        self.kind(&self.manifest.nodes[id]).is_some_and(|kind| kind.output == artifact)
+    }
+
+    fn outcome(&self, id: usize, headline: &'static str) -> Outcome {
         let node = &self.manifest.nodes[id];
         let upstream = self.upstream(id);
         Outcome {
+            headline,
             run: self.manifest.run.clone(),
             commit: self.manifest.commit.clone(),
             member: self.manifest.members[node.member].clone(),
@@ -190,7 +194,7 @@ impl<'a> Reader<'a> {
     /// A protocol is what an evaluation can set but who acts, the rule outside of the policy and how often it is tried.
     fn ceiling(&self, node: &NodeRecord) -> Option<f64> {
         const FREE: [&str; 4] = ["controller", "episodes", "start", "unstick"];
-        let (kind, params) = (self.kinds.iter().find(|kind| kind.name == node.kind)?, node.params.as_object()?);
+        let (kind, params) = (self.kind(node)?, node.params.as_object()?);
         let own = (kind.preset)(&PresetOf { preset: Preset::Recipe, task: &node.task, given: params });
         let is_own = params.iter().all(|(name, value)| FREE.contains(&name.as_str()) || own[name] == *value);
         let radius = params.get("radius")?.as_f64()?;

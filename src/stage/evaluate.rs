@@ -121,6 +121,7 @@ impl Stage for Evaluate {
     const KIND: &'static str = "evaluate";
     const VERSION: u32 = 1;
     const ABOUT: &'static str = "share of time at the goal, on episodes that all rounds share";
+    const HEADLINE: Option<&'static str> = Some("percent_goal");
     type Params = Params;
     type Inputs = Inputs;
     type Output = Evaluation;

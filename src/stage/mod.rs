@@ -38,6 +38,9 @@ pub trait Stage: 'static {
     const VERSION: u32;
     /// One line for `carl-pipe stages`.
     const ABOUT: &'static str;
+    /// The metric that models are judged by, where this stage measures one model: tables, charts and the closing line
+    /// of a run show it. `None` for every other stage.
+    const HEADLINE: Option<&'static str> = None;
     /// What the pipeline file may set.
     type Params: Params;
     /// What other stages hand in.
@@ -134,6 +137,8 @@ pub struct Kind {
     pub version: u32,
     /// See [`Stage::ABOUT`].
     pub about: &'static str,
+    /// See [`Stage::HEADLINE`].
+    pub headline: Option<&'static str>,
     /// The inputs it takes.
     pub ports: &'static [Port],
     /// The type of its artifact.
@@ -167,6 +172,7 @@ impl Kind {
             name: S::KIND,
             version: S::VERSION,
             about: S::ABOUT,
+            headline: S::HEADLINE,
             ports: S::Inputs::PORTS,
             output: S::Output::TYPE,
             preset: |of| serde_json::to_value(S::Params::preset(of)).expect("parameters are plain data"),

@@ -3,6 +3,7 @@
 mod cli;
 mod pipeline;
 mod record;
+mod report;
 mod run;
 mod science;
 mod support;

@@ -25,7 +25,7 @@ use super::{
 use crate::store::Store;
 use crate::{
     digest::Digest,
-    pipeline::{Graph, Node},
+    pipeline::Graph,
 };
 
 /// What to run.
@@ -76,8 +76,6 @@ pub struct Report {
     pub nodes: Vec<NodeReport>,
     /// From start to end.
     pub wall_secs: f64,
-    /// Mean `percent_goal` of the final evaluations, where they differ by their seeds alone.
-    pub percent_goal: Option<f64>,
 }
 
 /// What became of a node.
@@ -117,15 +115,6 @@ impl Report {
     pub fn count(&self, state: NodeState) -> usize {
         self.nodes.iter().filter(|node| node.state == state).count()
     }
-}
-
-/// Whether a mean over what these nodes reached means anything: not over unlike tasks, algorithms or parameters.
-fn differ_by_seed_alone(nodes: &[&Node]) -> bool {
-    let point = |node: &Node| node.point.iter().filter(|axis| axis.0 != "seed").cloned().collect::<Vec<_>>();
-    nodes.windows(2).all(|pair| {
-        let [one, other] = [pair[0], pair[1]];
-        (one.member, &one.stage, &one.task, point(one)) == (other.member, &other.stage, &other.task, point(other))
-    })
 }
 
 /// Runs an order; the folder of the run tells everything about it.

@@ -15,14 +15,12 @@ use std::{
 use super::{
     Failure, NodeReport, Options, Order, Report,
     cores::Cores,
-    differ_by_seed_alone,
     recording::{link_name, live_name},
     teams::Teams,
     worker::{Ended, Job, Shop, work},
 };
 use crate::{
     digest::Digest,
-    num::stats,
     pipeline::{Node, NodeId},
     run::{
         events::{Event, Events, NodeState, RunState},
@@ -409,7 +407,6 @@ impl<'a> Scheduler<'a> {
             state: self.manifest.state,
             nodes: nodes.collect(),
             wall_secs: self.events.elapsed_secs(),
-            percent_goal: self.percent_goal(),
         };
         self.events.tell(&Event::RunFinished {
             state: report.state,
@@ -430,17 +427,5 @@ impl<'a> Scheduler<'a> {
         } else {
             RunState::Finished
         }
-    }
-
-    fn percent_goal(&self) -> Option<f64> {
-        let all = self.order.graph.nodes.iter().zip(&self.status);
-        let finals: Vec<_> = all.filter(|(node, _)| node.is_last && node.kind.output == "evaluation").collect();
-        let nodes: Vec<&Node> = finals.iter().map(|(node, _)| *node).collect();
-        let metrics = finals.iter().filter_map(|(_, status)| match status {
-            Status::Done(entry) => entry.metrics.get("percent_goal").copied(),
-            _ => None,
-        });
-        let metrics: Vec<f64> = metrics.collect();
-        (differ_by_seed_alone(&nodes) && !metrics.is_empty()).then(|| stats::mean(&metrics))
     }
 }

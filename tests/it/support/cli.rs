@@ -105,31 +105,32 @@ impl Inputs for One {
 }
 
 macro_rules! kind {
-    ($name:ident, $kind:literal, $inputs:ty, $output:ident, |$in:ident, $cx:ident| $from:expr) => {
+    ($name:ident, $kind:literal, $headline:expr, $inputs:ty, $output:ident, |$in:ident, $cx:ident| $from:expr) => {
         pub struct $name;
         impl Stage for $name {
             const KIND: &'static str = $kind;
             const VERSION: u32 = 1;
             const ABOUT: &'static str = "toys with numbers";
+            const HEADLINE: Option<&'static str> = $headline;
             type Params = ToyParams;
             type Inputs = $inputs;
             type Output = $output;
             fn run(params: &ToyParams, $in: $inputs, $cx: &mut StageCx<'_>) -> anyhow::Result<$output> {
                 let from = $from;
                 let value = params.work(from, $cx)?;
-                if $kind == "toy_evaluate" {
-                    $cx.metric("percent_goal", value % 100.0);
+                if let Some(metric) = Self::HEADLINE {
+                    $cx.metric(metric, value % 100.0);
                 }
                 Ok($output(value))
             }
         }
     };
 }
-kind!(ToyNumber, "toy_number", NoInputs, Number, |_inputs, cx| 0.0);
-kind!(ToySum, "toy_sum", Terms, Number, |inputs, cx| {
+kind!(ToyNumber, "toy_number", None, NoInputs, Number, |_inputs, cx| 0.0);
+kind!(ToySum, "toy_sum", None, Terms, Number, |inputs, cx| {
     inputs.terms.iter().map(|it| it.0).sum::<f64>() + inputs.before.map_or(0.0, |it| it.0)
 });
-kind!(ToyEvaluate, "toy_evaluate", One, Evaluation, |inputs, cx| inputs.number.0);
+kind!(ToyEvaluate, "toy_evaluate", Some("percent_goal"), One, Evaluation, |inputs, cx| inputs.number.0);
 
 fn kinds() -> &'static [Kind] {
     static KINDS: std::sync::LazyLock<[Kind; 3]> =

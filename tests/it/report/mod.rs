@@ -1,0 +1,3 @@
+//! What runs reached, read off their manifests.
+
+mod headline;
