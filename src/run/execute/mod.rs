@@ -23,10 +23,7 @@ use super::{
     runs::RunDir,
 };
 use crate::store::Store;
-use crate::{
-    digest::Digest,
-    pipeline::Graph,
-};
+use crate::{digest::Digest, pipeline::Graph};
 
 /// What to run.
 #[derive(Debug)]
