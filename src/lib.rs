@@ -8,6 +8,7 @@ pub mod digest;
 pub mod env;
 pub mod lce;
 pub mod nn;
+pub mod node_name;
 pub mod num;
 pub mod pipeline;
 pub mod record;

@@ -15,12 +15,13 @@ use super::{
     },
 };
 use crate::{
+    node_name::without_member,
     num::stats::{self, Difference, Summary},
     pipeline::Member,
     report::outcomes::outcomes,
     run::{
         key::{self, Change},
-        manifest::{Manifest, NodeRecord, bare},
+        manifest::{Manifest, NodeRecord},
         runs,
     },
     stage::Kind,
@@ -130,7 +131,7 @@ type Place = (String, String, Option<u32>, Vec<(String, String)>);
 
 fn place(manifest: &Manifest, node: &NodeRecord) -> Place {
     let point = node.point.iter().filter(|(axis, _)| axis != "seed").cloned().collect();
-    (name_of(&manifest.members[node.member]).clone(), bare(&node.stage).to_owned(), node.round, point)
+    (name_of(&manifest.members[node.member]).clone(), without_member(&node.stage).to_owned(), node.round, point)
 }
 
 /// Parameters that differ, and stages of one run alone.
@@ -213,7 +214,7 @@ fn difference(before: &Series, after: &Series) -> Option<Difference> {
 
 fn outputs(before: &Manifest, after: &Manifest) -> Outputs {
     let name = |manifest: &Manifest, node: &NodeRecord| {
-        (name_of(&manifest.members[node.member]).clone(), bare(&node.name).to_owned(), node.stream.seed)
+        (name_of(&manifest.members[node.member]).clone(), without_member(&node.name).to_owned(), node.stream.seed)
     };
     let known: BTreeMap<_, _> = before.nodes.iter().map(|node| (name(before, node), node.output)).collect();
     let mut outputs = Outputs::default();

@@ -16,6 +16,7 @@ use super::{
 };
 use crate::{
     diag::Diagnostic,
+    node_name::NodeName,
     num::rng::Stream,
     stage::{Arity, Kind},
 };
@@ -151,7 +152,7 @@ impl Unrolling<'_, '_> {
         };
         let shown: Vec<(String, String)> = self.reached[at].iter().map(text).collect();
         Some(Node {
-            name: node_name(&stage.name, cell.round, &shown),
+            name: NodeName { member: None, stage: stage.name.clone(), round: cell.round, point: shown.clone() }.to_string(),
             stage: stage.name.clone(),
             member: 0,
             round: cell.round,
@@ -206,16 +207,4 @@ impl Unrolling<'_, '_> {
         let chosen = axis.and_then(|axis| Some(&self.draft.axes[axis].values[point[axis]?].value));
         chosen.and_then(|value| to_json(value.get_ref()).as_u64()).unwrap_or(self.draft.seed)
     }
-}
-
-fn node_name(stage: &str, round: Option<u32>, point: &[(String, String)]) -> String {
-    let mut name = stage.to_owned();
-    if let Some(round) = round {
-        name.push_str(&format!("@{round}"));
-    }
-    if !point.is_empty() {
-        let parts: Vec<String> = point.iter().map(|(axis, value)| format!("{axis}={value}")).collect();
-        name.push_str(&format!("[{}]", parts.join(",")));
-    }
-    name
 }

@@ -9,10 +9,11 @@ use serde_json::{Value, json};
 use crate::{
     digest::Digest,
     env::{Protocol, Task},
+    node_name::without_member,
     pipeline::Member,
     run::{
         events::NodeState,
-        manifest::{Manifest, NodeRecord, bare},
+        manifest::{Manifest, NodeRecord},
     },
     stage::{Kind, Preset, PresetOf},
     store::Store,
@@ -103,7 +104,7 @@ impl<'a> Reader<'a> {
             commit: self.manifest.commit.clone(),
             member: self.manifest.members[node.member].clone(),
             node: node.name.clone(),
-            stage: bare(&node.stage).to_owned(),
+            stage: without_member(&node.stage).to_owned(),
             seed: node.stream.seed,
             point: without_seed(node),
             round: node.round,
@@ -146,7 +147,7 @@ impl<'a> Reader<'a> {
     fn recipe(&self, upstream: &BTreeSet<usize>) -> Digest {
         let place = |name: &String| {
             let node = self.by_name.get(name.as_str()).map(|&id| &self.manifest.nodes[id]);
-            node.map(|node| json!([bare(&node.stage), node.round]))
+            node.map(|node| json!([without_member(&node.stage), node.round]))
         };
         let steps: BTreeSet<String> = upstream
             .iter()
@@ -155,7 +156,7 @@ impl<'a> Reader<'a> {
                 let inputs: BTreeMap<&String, Vec<_>> =
                     node.inputs.iter().map(|(port, names)| (port, names.iter().map(place).collect())).collect();
                 let step = json!([
-                    bare(&node.stage),
+                    without_member(&node.stage),
                     node.round,
                     node.kind,
                     node.version,
@@ -185,7 +186,7 @@ impl<'a> Reader<'a> {
             .map(|node| {
                 let mut params = node.params.clone();
                 params.as_object_mut().map(|table| table.remove("samples"));
-                crate::digest::canonical(&json!([bare(&node.stage), node.kind, node.version, params]))
+                crate::digest::canonical(&json!([without_member(&node.stage), node.kind, node.version, params]))
             })
             .collect();
         Digest::of_json(&json!(steps))

@@ -269,8 +269,3 @@ fn this_host() -> Host {
         system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
     }
 }
-
-/// A name without the member of a suite.
-pub fn bare(name: &str) -> &str {
-    name.split_once('/').map_or(name, |(_, rest)| rest)
-}

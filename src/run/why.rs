@@ -7,11 +7,14 @@ use serde_json::Value;
 
 use super::{
     key::{self, Change},
-    manifest::{Manifest, NodeRecord, bare},
+    manifest::{Manifest, NodeRecord},
     plan::{Cause, Plan, State},
     runs,
 };
-use crate::pipeline::{Graph, Node, NodeId};
+use crate::{
+    node_name::without_member,
+    pipeline::{Graph, Node, NodeId},
+};
 
 /// How far back to look for a node.
 const RUNS_TO_READ: usize = 20;
@@ -96,10 +99,10 @@ impl History {
     /// The newest earlier run that knew a node: of the same pipeline if possible, by name or else by stage and round. A
     /// pipeline is the same whether it ran alone or in a suite.
     fn newest(&mut self, pipeline: &str, node: &Node) -> Option<(&Manifest, &NodeRecord)> {
-        let (name, stage) = (bare(&node.name), bare(&node.stage));
+        let (name, stage) = (without_member(&node.name), without_member(&node.stage));
         let is_it = |record: &NodeRecord, by_name_only: bool| {
-            let by_stage = bare(&record.stage) == stage && record.round == node.round && !by_name_only;
-            record.kind == node.kind.name && record.key.is_some() && (bare(&record.name) == name || by_stage)
+            let by_stage = without_member(&record.stage) == stage && record.round == node.round && !by_name_only;
+            record.kind == node.kind.name && record.key.is_some() && (without_member(&record.name) == name || by_stage)
         };
         for by_name_only in [true, false] {
             for at in 0.. {
