@@ -105,7 +105,10 @@ pub(crate) fn show(global: &Global, args: &ShowArgs) -> Result<Exit, Error> {
     let manifest = Manifest::read(&run_dir)?;
     let is_named = |node: &NodeRecord, name: &str| {
         let member = &manifest.members[node.member].name;
-        node.name == name || node.stage == name || without_member(&node.stage) == name || (!member.is_empty() && member == name)
+        node.name == name
+            || node.stage == name
+            || without_member(&node.stage) == name
+            || (!member.is_empty() && member == name)
     };
     let wanted = |node: &&NodeRecord| args.node.as_ref().is_none_or(|name| is_named(node, name));
     let nodes: Vec<&NodeRecord> = manifest.nodes.iter().filter(wanted).collect();

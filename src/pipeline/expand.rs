@@ -152,7 +152,8 @@ impl Unrolling<'_, '_> {
         };
         let shown: Vec<(String, String)> = self.reached[at].iter().map(text).collect();
         Some(Node {
-            name: NodeName { member: None, stage: stage.name.clone(), round: cell.round, point: shown.clone() }.to_string(),
+            name: NodeName { member: None, stage: stage.name.clone(), round: cell.round, point: shown.clone() }
+                .to_string(),
             stage: stage.name.clone(),
             member: 0,
             round: cell.round,
