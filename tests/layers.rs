@@ -9,18 +9,18 @@ use std::{
 /// A layer, what it may use, and why where that is not plain.
 const TABLE: &[(&str, &[(&str, &str)])] = &[
     ("digest", &[]),
+    ("node_name", &[]),
     ("diag", &[]),
-    ("rng", &[]),
     ("record", &[]),
-    ("stats", &[("rng", "resamples of a bootstrap")]),
-    ("nn", &[("rng", "initial weights and noise are drawn from a stream that the caller names")]),
-    ("env", &[("rng", "starts, goals and process noise"), ("nn", "portable normal and uniform samples, nothing else")]),
-    ("lce", &[("nn", "networks"), ("rng", "a fresh model's weights, a step's noise")]),
+    ("num", &[]),
+    ("nn", &[("num", "random weights, portable math, vectors, threads")]),
+    ("env", &[("num", "random starts, goals and noise; portable math")]),
+    ("lce", &[("num", "random weights and noise"), ("nn", "networks")]),
     (
         "control",
         &[
+            ("num", "random actions, batches and episodes"),
             ("nn", "networks"),
-            ("rng", "actions, batches, episodes"),
             ("lce", "policies act on codes, and SAC rolls the learned dynamics out"),
             ("env", "closed-loop control in `rollout`, and only there"),
         ],
@@ -28,13 +28,14 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
     (
         "artifact",
         &[
+            ("num", "a summary holds statistics"),
             ("nn", "optimisers and arenas lie on disk"),
             ("lce", "a model is an artifact"),
             ("control", "agents and settings of iLQR are artifacts, and an evaluation names its rule"),
             ("env", "an evaluation names its starts"),
-            ("stats", "a summary of evaluations"),
         ],
     ),
+    ("store", &[("digest", "keys and contents"), ("artifact", "files by name")]),
     (
         "stage",
         &[
@@ -43,9 +44,8 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("control", "training and running of policies"),
             ("env", "data, evaluation and the map probe"),
             ("nn", "optimisers and noise"),
-            ("rng", "named streams"),
+            ("num", "named streams, statistics, threads"),
             ("record", "curves, pictures and maps"),
-            ("stats", "summaries over models"),
         ],
     ),
     (
@@ -53,28 +53,45 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
         &[
             ("diag", "mistakes with their place"),
             ("env", "the `[task]` table"),
-            ("rng", "a node's stream"),
+            ("num", "a node's stream"),
+            ("node_name", "names of nodes"),
             ("stage", "kinds: their ports, parameters and presets"),
         ],
     ),
     (
-        "engine",
+        "run",
         &[
             ("pipeline", "the graph"),
             ("stage", "what a node does"),
+            ("store", "what nodes made"),
             ("artifact", "files by name"),
             ("digest", "keys and contents"),
+            ("node_name", "names of nodes"),
             ("record", "a node's recording"),
-            ("rng", "a manifest holds each node's stream"),
-            ("nn", "`Threads`, a node's share of the cores"),
+            ("num", "a node's stream and its share of the cores"),
             ("env", "a manifest holds the task"),
-            ("stats", "the mean that a run ends with"),
+        ],
+    ),
+    (
+        "report",
+        &[
+            ("run", "manifests"),
+            ("store", "metrics within artifacts"),
+            ("pipeline", "members and their labels"),
+            ("stage", "headline metrics of kinds"),
+            ("artifact", "latent maps"),
+            ("env", "ceilings of tasks"),
+            ("num", "statistics"),
+            ("digest", "recipes"),
+            ("node_name", "stages of nodes"),
         ],
     ),
     (
         "cli",
         &[
-            ("engine", ""),
+            ("report", ""),
+            ("run", ""),
+            ("store", ""),
             ("pipeline", ""),
             ("stage", ""),
             ("artifact", ""),
@@ -82,10 +99,10 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("lce", ""),
             ("env", ""),
             ("record", ""),
-            ("stats", ""),
             ("nn", ""),
-            ("rng", ""),
+            ("num", ""),
             ("digest", ""),
+            ("node_name", ""),
             ("diag", ""),
         ],
     ),
@@ -93,9 +110,6 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
 
 /// Uses that are narrower than the table: in this layer, only these paths of the other one.
 const ONLY: &[(&str, &str, &[&str])] = &[
-    ("env", "nn", &["noise"]),
-    ("engine", "nn", &["Threads"]),
-    ("engine", "env", &["Protocol", "Task"]),
     ("pipeline", "env", &["RefusedOption", "Task"]),
     ("artifact", "control", &["Agent", "Ilqr", "agent", "rollout"]),
     ("artifact", "env", &["Start"]),

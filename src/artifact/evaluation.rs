@@ -1,4 +1,4 @@
-//! What an evaluation measured.
+//! The result of an evaluation.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,38 +11,39 @@ use crate::{
 /// One episode.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeResult {
-    /// Which goal.
+    /// The index of the goal.
     pub goal: usize,
-    /// Share of the T+1 states at the goal, in per cent, as deployed.
+    /// Share of the T+1 states at the goal, in per cent, as deployed (with the rule in [`Evaluation::unstick`]).
     pub percent_goal: f64,
-    /// The same without the rule outside of the policy.
+    /// The same by the policy alone, without that rule.
     pub policy_alone: f64,
-    /// True states visited, start included, as deployed.
+    /// True states visited as deployed, start included.
     pub path: Vec<Vec<f64>>,
 }
 
-/// Results of one controller on a set of episodes; states count after each of T+1 actions, as in the CARL rows of Table 1.
+/// The result of one controller on a set of episodes. The T+1 states after each action count, as in the CARL rows of
+/// the paper's Table 1.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
-    /// Who acted; left out where it was an agent.
+    /// The controller; the file leaves out the default, an agent.
     #[serde(default, skip_serializing_if = "is_agent")]
     pub controller: Controller,
-    /// Where episodes started; left out where it was as usual.
+    /// Where episodes started; the file leaves out the default, the usual starts.
     #[serde(default, skip_serializing_if = "is_usual")]
     pub start: Start,
     /// Mean share of T+1 states at the goal, in per cent, as deployed.
     pub percent_goal: f64,
-    /// The same by the policy alone, without any rule outside of it.
+    /// The same by the policy alone.
     pub policy_alone: f64,
-    /// As deployed, counting T states.
+    /// The same as deployed, over T states instead of T+1.
     pub percent_goal_t: f64,
-    /// `percent_goal` as a share of the best possible controller's, in per cent, where that is known.
+    /// `percent_goal` in per cent of the ceiling, the best possible controller's, where the ceiling is known.
     pub share_of_ceiling: Option<f64>,
-    /// The rule outside of the policy; it sees one bit, whether the picture changed.
+    /// The rule added to the policy when deployed: what it does whenever the last action left the image unchanged.
     pub unstick: Unstick,
-    /// Radius of the goal.
+    /// Radius of the goal, in units of the state.
     pub radius: f64,
-    /// T.
+    /// T, the number of steps of an episode.
     pub horizon: usize,
     /// Every episode.
     pub episodes: Vec<EpisodeResult>,

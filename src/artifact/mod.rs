@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 
 pub use collected::Collected;
 pub use evaluation::{EpisodeResult, Evaluation};
-pub use latent_map::LatentMap;
+pub use latent_map::{Codes, LatentAxis, LatentMap};
 pub use lce_model::TrainedModel;
 pub use summary::{MetricSummary, ResultSummary};
 pub use transitions::Transitions;

@@ -1,42 +1,42 @@
-//! Evaluations of several models, summed up.
+//! Statistics of the evaluations of several models.
 
 use serde::{Deserialize, Serialize};
 
 use super::{Artifact, Files, json, tensors::file};
 use crate::{control::rollout::Controller, env::Start, num::stats::Summary};
 
-/// One metric over models, with the value of each.
+/// One metric over models: statistics, and the value of each model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MetricSummary {
-    /// Its statistics.
+    /// The statistics.
     #[serde(flatten)]
     pub summary: Summary,
     /// Each model's mean over its episodes, in the order of the inputs.
     pub models: Vec<f64>,
 }
 
-/// What several models reach on their episodes, under one protocol.
+/// The results of several models under one evaluation protocol.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ResultSummary {
-    /// Who acted.
+    /// The controller.
     pub controller: Controller,
-    /// Radius of the goal.
+    /// Radius of the goal, in units of the state.
     pub radius: f64,
     /// Where episodes started.
     pub start: Start,
-    /// T.
+    /// T, the number of steps of an episode.
     pub horizon: usize,
-    /// Episodes of each model.
+    /// The number of episodes of each model.
     pub episodes: Vec<usize>,
     /// Share of T+1 states at the goal, in per cent, as deployed.
     pub percent_goal: MetricSummary,
     /// The same by the policy alone.
     pub policy_alone: MetricSummary,
-    /// As deployed, counting T states.
+    /// The same as deployed, over T states instead of T+1.
     pub percent_goal_t: MetricSummary,
-    /// Mean %-goal of the best possible controller, where it is known for this protocol.
+    /// Mean %-goal of the best possible controller, where it was measured under this protocol.
     pub ceiling: Option<f64>,
-    /// The mean of `percent_goal` as a share of `ceiling`, in per cent.
+    /// The mean of `percent_goal` in per cent of `ceiling`.
     pub share_of_ceiling: Option<f64>,
 }
 

@@ -11,6 +11,7 @@ use super::{
 };
 use crate::{
     node_name::without_member,
+    report::groups::grouped,
     run::{
         events::{NodeState, RunState},
         manifest::{Manifest, NodeRecord},
@@ -152,13 +153,6 @@ pub(crate) fn show(global: &Global, args: &ShowArgs) -> Result<Exit, Error> {
 
 /// A row for each stage, with how many of its nodes ended how.
 fn by_stage(nodes: &[&NodeRecord]) -> Vec<Vec<String>> {
-    let mut stages: Vec<(&str, Vec<&NodeRecord>)> = Vec::new();
-    for node in nodes {
-        match stages.iter_mut().find(|(stage, _)| *stage == node.stage) {
-            Some((_, own)) => own.push(node),
-            None => stages.push((&node.stage, vec![node])),
-        }
-    }
     let row = |(stage, own): &(&str, Vec<&NodeRecord>)| {
         let mut counts: BTreeMap<String, usize> = BTreeMap::new();
         own.iter().for_each(|node| *counts.entry(row(node).swap_remove(1)).or_default() += 1);
@@ -166,7 +160,7 @@ fn by_stage(nodes: &[&NodeRecord]) -> Vec<Vec<String>> {
         let secs = own.iter().map(|node| node.secs).sum();
         vec![format!("{stage} x{}", own.len()), states.join(", "), duration(secs)]
     };
-    stages.iter().map(row).collect()
+    grouped(nodes.iter().copied(), |node| node.stage.as_str()).iter().map(row).collect()
 }
 
 fn row(node: &NodeRecord) -> Vec<String> {

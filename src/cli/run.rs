@@ -107,9 +107,9 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
     audience.progress.close();
     let end = summary::End::of(&report, graph, &store, kinds);
     if args.json {
-        out::line(&summary::json(&report, end.headline()).to_string());
+        out::line(&end.json().to_string());
     }
-    summary::print(&report, &end, global, args.json, &argv);
+    end.print(global, args.json, &argv);
     Ok(match report.state {
         RunState::Finished => Exit::Ok,
         RunState::Interrupted | RunState::Running => Exit::Interrupted,

@@ -1,6 +1,6 @@
 //! `carl-pipe status`: what is stale and why. Runs nothing.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use serde_json::{Map, Value, json};
 
@@ -12,6 +12,7 @@ use super::{
 };
 use crate::{
     pipeline::Graph,
+    report::groups::grouped,
     run::{
         plan::{Force, Plan, State, plan},
         why::{History, Reason, reason},
@@ -86,29 +87,28 @@ fn rows(graph: &Graph, reasons: &[(&str, Reason)], verbose: bool, paint: Paint) 
         let end = if by_member { name.find('/') } else { name.find(['@', '[']) };
         name[..end.unwrap_or(name.len())].to_owned()
     };
-    let mut rows: Vec<Vec<String>> = Vec::new();
-    let mut folded: BTreeMap<(String, String, String), (usize, usize)> = BTreeMap::new();
-    for (name, reason) in shown {
-        let (state, why) = match reason {
-            Reason::Cached => (paint.dim("cached"), String::new()),
-            Reason::Waiting { changes, .. } if fold => {
-                let changes: Vec<_> = changes.iter().map(ToString::to_string).collect();
-                (paint.dim("waiting"), changes.join(", "))
-            }
-            Reason::Waiting { .. } => (paint.dim("waiting"), reason.to_string()),
-            _ => (paint.yellow("stale"), reason.to_string()),
-        };
-        if fold {
-            // All reasons of a member would not be read: its first one stands for them.
-            let key = (group(name), state.clone(), if by_member { String::new() } else { why.clone() });
-            let (row, count) = folded.entry(key).or_insert((rows.len(), 0));
-            *count += 1;
-            if *count > 1 {
-                rows[*row][0] = format!("{} x{count}", group(name));
-                continue;
-            }
+    let told = |reason: &Reason| match reason {
+        Reason::Cached => (paint.dim("cached"), String::new()),
+        Reason::Waiting { changes, .. } if fold => {
+            let changes: Vec<_> = changes.iter().map(ToString::to_string).collect();
+            (paint.dim("waiting"), changes.join(", "))
         }
-        rows.push(vec![(*name).to_owned(), state, why]);
-    }
-    rows
+        Reason::Waiting { .. } => (paint.dim("waiting"), reason.to_string()),
+        _ => (paint.yellow("stale"), reason.to_string()),
+    };
+    let key = |(name, reason): &&(&str, Reason)| {
+        let (state, why) = told(reason);
+        // The rows of a suite's members would be too many with one for each reason: the first reason stands for all.
+        if fold {
+            (group(name), state, if by_member { String::new() } else { why })
+        } else {
+            (name.to_string(), state, why)
+        }
+    };
+    let row = |((group, state, _), own): ((String, String, String), Vec<&(&str, Reason)>)| {
+        let (name, reason) = own[0];
+        let name = if own.len() > 1 { format!("{group} x{}", own.len()) } else { (*name).to_owned() };
+        vec![name, state, told(reason).1]
+    };
+    grouped(shown, key).into_iter().map(row).collect()
 }

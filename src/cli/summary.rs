@@ -1,77 +1,112 @@
-//! What became of a run: a closing table, what went wrong, and where to look next.
+//! The end of a run: a closing table, the headline, what went wrong, and what to look at next.
 
-use std::{collections::BTreeMap, path::Path};
+use std::path::Path;
 
 use serde_json::{Map, Value, json};
 
 use super::{
     Global,
     out::{self, Paint, duration},
-    table::{self, Format, grid::Grid, render, render::About, series::Series},
+    table,
 };
 use crate::{
     pipeline::Graph,
     report::{
+        groups::grouped,
         headline::{Headline, headline},
+        numbers::mean,
         outcomes::{Outcome, outcomes},
+        series::{Series, pooled},
+        table::{About, Grid, short},
     },
     run::{
         events::{NodeState, RunState},
         execute::{NodeReport, Report},
         manifest::Manifest,
+        runs::file_name,
     },
     stage::Kind,
     store::Store,
 };
 
-/// More nodes than this are shown by stage.
+/// With more nodes than this, the closing table has one row for each stage.
 const ROWS: usize = 24;
 
-/// The last line of `--json`.
-pub(crate) fn json(report: &Report, headline: Option<Headline>) -> Value {
-    let node = |node: &NodeReport| {
-        let error = node.failure.as_ref().map(|failure| &failure.text);
-        json!({
-            "state": node.state, "digest": node.digest, "recording": node.recording, "secs": node.secs,
-            "figures": node.metrics, "error": error,
-        })
-    };
-    let nodes: Map<String, Value> = report.nodes.iter().map(|it| (it.name.clone(), node(it))).collect();
-    let percent_goal = headline.filter(|it| it.metric == "percent_goal").map(|it| it.mean);
-    let headline = headline.map(|it| json!({ "metric": it.metric, "mean": it.mean, "models": it.models }));
-    json!({
-        "version": 1,
-        "run": report.run,
-        "state": report.state,
-        "executed": report.count(NodeState::Ran),
-        "cached": report.count(NodeState::Cached),
-        "failed": report.count(NodeState::Failed),
-        "wall_secs": report.wall_secs,
-        "percent_goal": percent_goal,
-        "headline": headline,
-        "nodes": nodes,
-    })
+/// A run that has ended, with what its summary is made from.
+pub(crate) struct End<'a> {
+    report: &'a Report,
+    graph: &'a Graph,
+    kinds: &'a [Kind],
+    headline: Option<Headline>,
+    /// The headline metric of the final results; empty where there are none.
+    metric: &'static str,
+    /// The final results, pooled over seeds.
+    reached: Vec<Series>,
 }
 
-/// Prints the end of a run: the table to standard output, failures to standard error.
-pub(crate) fn print(report: &Report, end: &End<'_>, global: &Global, json: bool, argv: &[String]) {
-    let graph = end.graph;
-    if !json {
-        let paint = global.color.on_stdout();
+impl<'a> End<'a> {
+    /// Reads what a run reached; nothing where its manifest or the store cannot be read.
+    pub(crate) fn of(report: &'a Report, graph: &'a Graph, store: &Store, kinds: &'a [Kind]) -> Self {
+        let manifest = Manifest::read(&report.path).ok();
+        let headline = manifest.as_ref().and_then(|manifest| headline(manifest, kinds));
+        let all = manifest.map_or_else(Vec::new, |manifest| outcomes(&manifest, kinds));
+        let finals: Vec<Outcome> = all.into_iter().filter(|outcome| outcome.is_last).collect();
+        let metric = finals.first().map_or("", |outcome| outcome.headline);
+        let reached = pooled(finals, metric, true, store).unwrap_or_default();
+        Self { report, graph, kinds, headline, metric, reached }
+    }
+
+    /// The last line of `--json`.
+    pub(crate) fn json(&self) -> Value {
+        let report = self.report;
+        let node = |node: &NodeReport| {
+            let error = node.failure.as_ref().map(|failure| &failure.text);
+            json!({
+                "state": node.state, "digest": node.digest, "recording": node.recording, "secs": node.secs,
+                "figures": node.metrics, "error": error,
+            })
+        };
+        let nodes: Map<String, Value> = report.nodes.iter().map(|it| (it.name.clone(), node(it))).collect();
+        let headline = self.headline;
+        json!({
+            "version": 1,
+            "run": report.run,
+            "state": report.state,
+            "executed": report.count(NodeState::Ran),
+            "cached": report.count(NodeState::Cached),
+            "failed": report.count(NodeState::Failed),
+            "wall_secs": report.wall_secs,
+            "percent_goal": headline.filter(|it| it.metric == "percent_goal").map(|it| it.mean),
+            "headline": headline.map(|it| json!({ "metric": it.metric, "mean": it.mean, "models": it.models })),
+            "nodes": nodes,
+        })
+    }
+
+    /// Prints the end of a run: tables to standard output, failures to standard error.
+    pub(crate) fn print(&self, global: &Global, json: bool, argv: &[String]) {
+        if !json {
+            self.print_tables(global);
+        }
+        let (report, paint) = (self.report, global.color.on_stderr());
+        for node in report.nodes.iter().filter(|node| node.state == NodeState::Failed) {
+            out::note(&self.failure(node, paint));
+        }
+        if report.state == RunState::Interrupted {
+            let (kept, all) = (self.kept(), report.nodes.len());
+            out::note(&format!("{} {kept} of {all} nodes are finished and kept", paint.yellow("interrupted:")));
+            out::note(&format!("  = {} go on with `{}`", paint.bold("help:"), out::command(argv)));
+        }
+    }
+
+    fn print_tables(&self, global: &Global) {
+        let (report, paint) = (self.report, global.color.on_stdout());
         let ran_any = report.nodes.iter().any(|node| node.state != NodeState::Cached);
         if (ran_any && !global.quiet) || global.verbose {
-            out::print(&table(report, graph, end.kinds, paint));
+            out::print(&out::table(&self.rows(paint)));
         }
-        let (metric, reached) = end.reached();
-        if reached.len() > 1
-            && let Ok(grid) = Grid::new(reached, "task", "algorithm")
-        {
-            let about = About { metric, rows: "task", cols: "algorithm" };
-            out::line(&format!("\n{}", paint.dim(&format!("{metric}: mean ± standard error (models)"))));
-            out::line(&render::short(&grid, about, Format::Text, paint));
-            out::line(&closing(report, None, paint));
-        } else {
-            out::line(&closing(report, end.headline_text().as_deref(), paint));
+        match self.grid(paint) {
+            Some(grid) => out::line(&format!("\n{grid}\n{}", self.closing(None, paint))),
+            None => out::line(&self.closing(self.headline_text().as_deref(), paint)),
         }
         if !global.quiet {
             let elsewhere = global.artifacts != Path::new("artifacts") && std::env::var_os("CARL_ARTIFACTS").is_none();
@@ -80,97 +115,97 @@ pub(crate) fn print(report: &Report, end: &End<'_>, global: &Global, json: bool,
             out::line(&paint.dim(&format!("look: {view}  or  {}/", report.path.display())));
         }
     }
-    let paint = global.color.on_stderr();
-    for node in report.nodes.iter().filter(|node| node.state == NodeState::Failed) {
-        out::note(&failure(node, report, graph, paint));
-    }
-    if report.state == RunState::Interrupted {
-        let kept = report.count(NodeState::Ran) + report.count(NodeState::Cached);
-        out::note(&format!(
-            "{} {kept} of {} nodes are finished and kept",
-            paint.yellow("interrupted:"),
-            report.nodes.len()
-        ));
-        out::note(&format!("  = {} go on with `{}`", paint.bold("help:"), out::command(argv)));
-    }
-}
 
-/// What the end of a run is told from.
-pub(crate) struct End<'a> {
-    graph: &'a Graph,
-    store: &'a Store,
-    kinds: &'a [Kind],
-    /// `None` where it cannot be read.
-    manifest: Option<Manifest>,
-}
-
-impl<'a> End<'a> {
-    /// Reads the manifest of a run that has ended.
-    pub(crate) fn of(report: &Report, graph: &'a Graph, store: &'a Store, kinds: &'a [Kind]) -> Self {
-        Self { graph, store, kinds, manifest: Manifest::read(&report.path).ok() }
-    }
-
-    /// See [`headline`].
-    pub(crate) fn headline(&self) -> Option<Headline> {
-        headline(self.manifest.as_ref()?, self.kinds)
-    }
-
-    /// The headline metric of the final results, and the final results pooled over seeds.
-    fn reached(&self) -> (&'static str, Vec<Series>) {
-        let all = self.manifest.as_ref().map_or_else(Vec::new, |manifest| outcomes(manifest, self.kinds));
-        let finals: Vec<Outcome> = all.into_iter().filter(|outcome| outcome.is_last).collect();
-        let metric = finals.first().map_or("", |outcome| outcome.headline);
-        (metric, table::series::pooled(finals, metric, true, self.store).unwrap_or_default())
+    /// The table of a suite: tasks by algorithms. `None` for a single series.
+    fn grid(&self, paint: Paint) -> Option<String> {
+        let metric = self.metric;
+        if self.reached.len() < 2 {
+            return None;
+        }
+        let grid = Grid::new(self.reached.clone(), "task", "algorithm").ok()?;
+        let rows = table::text(short(&grid, About { metric, rows: "task", cols: "algorithm" }), paint);
+        Some(format!("{}\n{rows}", paint.dim(&format!("{metric}: mean ± standard error (models)"))))
     }
 
     /// The headline for the closing line, with its standard error where there are several models.
     fn headline_text(&self) -> Option<String> {
-        let (metric, reached) = self.reached();
-        match &reached[..] {
-            [one] if one.summary.n > 1 => Some(format!("{metric} {}", render::mean(&one.summary))),
-            _ => self.headline().map(|it| format!("{} {}", it.metric, out::number(it.mean))),
+        match &self.reached[..] {
+            [one] if one.summary.n > 1 => Some(format!("{} {}", self.metric, mean(&one.summary))),
+            _ => self.headline.map(|it| format!("{} {}", it.metric, out::number(it.mean))),
         }
     }
-}
 
-fn table(report: &Report, graph: &Graph, kinds: &[Kind], paint: Paint) -> String {
-    let mut rows = Vec::new();
-    if report.nodes.len() <= ROWS {
-        rows.extend(
-            report
-                .nodes
-                .iter()
-                .map(|node| vec![node.name.clone(), state(node.state, paint), time(node.secs), metric(node, kinds)]),
-        );
-    } else {
-        let mut groups: Vec<(&str, Vec<&NodeReport>)> = Vec::new();
-        for node in &report.nodes {
-            // A suite is shown by its members.
+    /// A row for each node, or for each stage of a large run, or for each member of a large suite.
+    fn rows(&self, paint: Paint) -> Vec<Vec<String>> {
+        let nodes = &self.report.nodes;
+        if nodes.len() <= ROWS {
+            let row = |node: &NodeReport| {
+                vec![node.name.clone(), painted(node.state, paint), time(node.secs), self.metric_of(node)]
+            };
+            return nodes.iter().map(row).collect();
+        }
+        let is_suite = self.graph.is_suite();
+        let name = |node: &&NodeReport| {
             let stage = node.stage.as_str();
-            let name = if graph.is_suite() { stage.split('/').next().unwrap_or(stage) } else { stage };
-            match groups.iter_mut().find(|(known, _)| *known == name) {
-                Some((_, nodes)) => nodes.push(node),
-                None => groups.push((name, vec![node])),
-            }
+            if is_suite { stage.split('/').next().unwrap_or(stage).to_owned() } else { stage.to_owned() }
+        };
+        grouped(nodes, name).iter().map(|(name, nodes)| self.group_row(name, nodes, is_suite, paint)).collect()
+    }
+
+    fn group_row(&self, name: &str, nodes: &[&NodeReport], is_member: bool, paint: Paint) -> Vec<String> {
+        let count = |state| nodes.iter().filter(|node| node.state == state).count();
+        let counts = STATES.iter().map(|it| (it, count(*it))).filter(|(_, count)| *count > 0);
+        let states: Vec<String> = counts.map(|(it, count)| format!("{} {count}", painted(*it, paint))).collect();
+        let last = nodes.iter().rev().find(|node| !node.metrics.is_empty() && !is_member);
+        let metric = last.map_or_else(String::new, |node| self.metric_of(node));
+        let secs: f64 = nodes.iter().map(|node| node.secs).sum();
+        vec![format!("{name} x{}", nodes.len()), states.join(", "), time(secs), metric]
+    }
+
+    /// A headline metric where the node has one, else its first metric.
+    fn metric_of(&self, node: &NodeReport) -> String {
+        let mut headlines = self.kinds.iter().filter_map(|kind| kind.headline);
+        let first = headlines.find_map(|name| node.metrics.get_key_value(name));
+        let first = first.or_else(|| node.metrics.first_key_value());
+        first.map_or_else(String::new, |(name, value)| format!("{name} {}", out::number(*value)))
+    }
+
+    /// `12 ran, 3 cached in 4.1 s; percent_goal 76.8`
+    fn closing(&self, headline: Option<&str>, paint: Paint) -> String {
+        let report = self.report;
+        let counts = STATES.iter().map(|it| (it, report.count(*it))).filter(|(_, count)| *count > 0);
+        let parts: Vec<String> = counts.map(|(it, count)| format!("{count} {}", painted(*it, PLAIN))).collect();
+        let headline = headline.map_or_else(String::new, |text| format!("; {text}"));
+        let time = duration(report.wall_secs);
+        format!("{}{}", paint.bold(&format!("{} in {time}", parts.join(", "))), paint.bold(&headline))
+    }
+
+    fn failure(&self, node: &NodeReport, paint: Paint) -> String {
+        let text = node.failure.as_ref().map_or_else(String::new, |failure| out::tidy(&failure.text));
+        let kind = self.graph.nodes.iter().find(|it| it.name == node.name).map_or("", |it| it.kind.name);
+        let mut lines = vec![format!("{} {} ({kind}) failed: {text}", paint.red("error:"), node.name)];
+        let recording = self.report.path.join("live").join(format!("{}.mcap", file_name(&node.name)));
+        if recording.exists() {
+            lines.push(format!("  = what it recorded until then: {}", recording.display()));
         }
-        rows.extend(groups.iter().map(|(name, nodes)| group_row(name, nodes, graph.is_suite(), kinds, paint)));
+        let (help, kept) = (paint.bold("help:"), self.kept());
+        lines.push(format!("  = {help} {kept} finished nodes are kept; the same command goes on from there"));
+        lines.join("\n")
     }
-    out::table(&rows)
+
+    fn kept(&self) -> usize {
+        self.report.count(NodeState::Ran) + self.report.count(NodeState::Cached)
+    }
 }
 
-fn group_row(name: &str, nodes: &[&NodeReport], is_member: bool, kinds: &[Kind], paint: Paint) -> Vec<String> {
-    let mut counts: BTreeMap<u8, (NodeState, usize)> = BTreeMap::new();
-    for node in nodes {
-        counts.entry(node.state as u8).or_insert((node.state, 0)).1 += 1;
-    }
-    let states = counts.values().map(|(it, count)| format!("{} {count}", state(*it, paint)));
-    let last = nodes.iter().rev().find(|node| !node.metrics.is_empty() && !is_member);
-    let metric = last.map_or_else(String::new, |node| metric(node, kinds));
-    let secs: f64 = nodes.iter().map(|node| node.secs).sum();
-    vec![format!("{name} x{}", nodes.len()), states.collect::<Vec<_>>().join(", "), time(secs), metric]
-}
+/// Without colours.
+const PLAIN: Paint = Paint(false);
 
-fn state(state: NodeState, paint: Paint) -> String {
+/// How nodes may end, in the order in which they are counted.
+const STATES: [NodeState; 5] =
+    [NodeState::Ran, NodeState::Cached, NodeState::Failed, NodeState::Stopped, NodeState::Pending];
+
+fn painted(state: NodeState, paint: Paint) -> String {
     match state {
         NodeState::Ran => paint.green("ran"),
         NodeState::Cached => paint.dim("cached"),
@@ -182,46 +217,4 @@ fn state(state: NodeState, paint: Paint) -> String {
 
 fn time(secs: f64) -> String {
     if secs > 0.0 { duration(secs) } else { String::new() }
-}
-
-/// A headline metric where there is one, else the first metric.
-fn metric(node: &NodeReport, kinds: &[Kind]) -> String {
-    let mut headlines = kinds.iter().filter_map(|kind| kind.headline);
-    let first = headlines.find_map(|name| node.metrics.get_key_value(name)).or_else(|| node.metrics.first_key_value());
-    first.map_or_else(String::new, |(name, value)| format!("{name} {}", out::number(*value)))
-}
-
-fn closing(report: &Report, headline: Option<&str>, paint: Paint) -> String {
-    let mut parts = Vec::new();
-    let all = [
-        (NodeState::Ran, "ran"),
-        (NodeState::Cached, "cached"),
-        (NodeState::Failed, "failed"),
-        (NodeState::Stopped, "stopped"),
-        (NodeState::Pending, "not run"),
-    ];
-    for (state, word) in all {
-        let count = report.count(state);
-        if count > 0 {
-            parts.push(format!("{count} {word}"));
-        }
-    }
-    let metric = headline.map_or_else(String::new, |text| format!("; {text}"));
-    format!("{}{}", paint.bold(&format!("{} in {}", parts.join(", "), duration(report.wall_secs))), paint.bold(&metric))
-}
-
-fn failure(node: &NodeReport, report: &Report, graph: &Graph, paint: Paint) -> String {
-    let text = node.failure.as_ref().map_or_else(String::new, |failure| out::tidy(&failure.text));
-    let kind = graph.nodes.iter().find(|it| it.name == node.name).map_or("", |it| it.kind.name);
-    let mut lines = vec![format!("{} {} ({kind}) failed: {text}", paint.red("error:"), node.name)];
-    let recording = report.path.join("live").join(format!("{}.mcap", crate::run::runs::file_name(&node.name)));
-    if recording.exists() {
-        lines.push(format!("  = what it recorded until then: {}", recording.display()));
-    }
-    let kept = report.count(NodeState::Ran) + report.count(NodeState::Cached);
-    lines.push(format!(
-        "  = {} {kept} finished nodes are kept; the same command goes on from there",
-        paint.bold("help:")
-    ));
-    lines.join("\n")
 }

@@ -1,46 +1,45 @@
-//! Statistics over models: means with their errors, and confidence intervals by bootstrap.
+//! Statistics over models: means, standard errors and bootstrap confidence intervals.
 //!
-//! The unit is a model, that is a seed, with its mean over its episodes: episodes of one model are no independent
-//! trials. The order of values changes nothing, and resampling draws from one stream of its own.
+//! The unit is one model (one seed) with its mean over its episodes, because episodes of one model are not independent
+//! trials. Results do not depend on the order of the values. Resampling draws from a fixed random stream.
 
-use rand::RngExt as _;
 use serde::{Deserialize, Serialize};
 
-use crate::num::rng::Stream;
+use super::{rng::Stream, sampling};
 
-/// Resamples of a bootstrap.
+/// The number of resamples of a bootstrap.
 pub const RESAMPLES: usize = 10_000;
 
-/// How many models "worst five" and "top five" mean.
+/// The number of models in "worst five" and "top five".
 pub const FIVE: usize = 5;
 
-/// What is known of a metric over several models.
+/// Statistics of one metric over several models.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
-    /// Models.
+    /// The number of models.
     pub n: usize,
     /// Mean over models.
     pub mean: f64,
     /// Standard error of the mean; `None` for a single model.
     pub standard_error: Option<f64>,
-    /// Percentile bootstrap interval of the mean, 95 %; `None` for a single model.
+    /// 95 % percentile bootstrap interval of the mean; `None` for a single model.
     pub ci95: Option<[f64; 2]>,
     /// The best model.
     pub best: f64,
     /// The worst model.
     pub worst: f64,
-    /// The best models.
+    /// The mean of the five best models.
     pub top_five: Mean,
-    /// The worst models.
+    /// The mean of the five worst models.
     pub worst_five: Mean,
 }
 
-/// A mean and over how many models.
+/// A mean over some of the models.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Mean {
     /// The mean.
     pub mean: f64,
-    /// Of how many: five, or as many as there are.
+    /// The number of models: five, or all where there are fewer.
     pub of: usize,
 }
 
@@ -51,7 +50,7 @@ impl Mean {
 }
 
 impl Summary {
-    /// Sums values up; `None` where there are none.
+    /// The statistics of the values; `None` for no values.
     pub fn of(values: &[f64]) -> Option<Self> {
         let sorted = sorted(values);
         let (worst, best) = (*sorted.first()?, *sorted.last()?);
@@ -73,22 +72,22 @@ impl Summary {
 /// The difference of two means and its interval.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
-    /// Second mean less the first.
+    /// The second mean minus the first.
     pub mean: f64,
-    /// Percentile bootstrap interval, 95 %; `None` where a side has a single model.
+    /// 95 % percentile bootstrap interval; `None` where a side has a single model.
     pub ci95: Option<[f64; 2]>,
-    /// Pairs of models with the same seed; `None` where both sides were resampled on their own.
+    /// The number of pairs of models with the same seed; `None` where the sides were resampled independently.
     pub pairs: Option<usize>,
 }
 
-/// The difference over pairs of models.
+/// The mean difference over pairs of models (first, second); `None` for no pairs.
 pub fn paired(pairs: &[(f64, f64)]) -> Option<Difference> {
     let differences: Vec<f64> = pairs.iter().map(|(first, second)| second - first).collect();
     let summary = Summary::of(&differences)?;
     Some(Difference { mean: summary.mean, ci95: summary.ci95, pairs: Some(pairs.len()) })
 }
 
-/// The difference between models that have nothing to do with each other.
+/// The difference of means between two independent sets of models; `None` if one of them is empty.
 pub fn unpaired(first: &[f64], second: &[f64]) -> Option<Difference> {
     if first.is_empty() || second.is_empty() {
         return None;
@@ -101,12 +100,12 @@ pub fn unpaired(first: &[f64], second: &[f64]) -> Option<Difference> {
     Some(Difference { mean: mean(&second) - mean(&first), ci95, pairs: None })
 }
 
-/// The mean; nan of nothing.
+/// The mean; NaN for no values.
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// Standard error of the mean; 0 of one value.
+/// Standard error of the mean; 0 for a single value.
 pub fn standard_error(values: &[f64]) -> f64 {
     if values.len() < 2 {
         return 0.0;
@@ -116,7 +115,7 @@ pub fn standard_error(values: &[f64]) -> f64 {
     (squares / (n - 1.0) / n).sqrt()
 }
 
-/// Percentile bootstrap interval of the mean, 95 %.
+/// 95 % percentile bootstrap interval of the mean.
 pub fn interval(values: &[f64]) -> [f64; 2] {
     percentiles(resampled_means(&sorted(values), "first"))
 }
@@ -127,16 +126,16 @@ fn sorted(values: &[f64]) -> Vec<f64> {
     sorted
 }
 
-/// The mean of each resample: as many models as there are, drawn with replacement.
+/// The mean of each resample: as many values as there are, drawn with replacement.
 fn resampled_means(values: &[f64], purpose: &'static str) -> Vec<f64> {
     let stream = Stream { seed: 0, kind: "bootstrap".to_owned(), round: 0, stream: None };
     let mut rng = stream.rng(purpose.into());
-    let count = values.len() as u64;
-    let mut draw = || values[((u64::from(rng.random::<u32>()) * count) >> 32) as usize];
+    let count = values.len();
+    let mut draw = || values[sampling::index(&mut rng, count)];
     (0..RESAMPLES).map(|_| (0..count).map(|_| draw()).sum::<f64>() / count as f64).collect()
 }
 
-/// The 2.5th and the 97.5th percentile.
+/// The 2.5th and the 97.5th percentile, interpolated linearly.
 fn percentiles(values: Vec<f64>) -> [f64; 2] {
     let sorted = sorted(&values);
     [0.025, 0.975].map(|share| {
@@ -148,6 +147,8 @@ fn percentiles(values: Vec<f64>) -> [f64; 2] {
 
 #[cfg(test)]
 mod tests {
+    use rand::RngExt as _;
+
     use super::*;
 
     #[test]

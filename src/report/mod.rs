@@ -1,4 +1,12 @@
-//! What runs measured: outcomes, series over seeds, tables and charts.
+//! What runs reached: outcomes, the headline, series over seeds, comparisons, tables and charts.
 
+pub mod chart;
+pub mod comparison;
+pub mod groups;
 pub mod headline;
+mod lineage;
+pub mod numbers;
 pub mod outcomes;
+pub mod series;
+pub mod table;
+mod tell_apart;

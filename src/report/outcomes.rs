@@ -1,11 +1,11 @@
-//! What runs measured: every evaluation with its seed, its samples and the recipe that led to it, read off manifests.
-//!
-//! Two outcomes with equal recipes differ by their seed alone, so that they may be pooled whatever run they are from.
+//! Outcomes: every result of a model, with its seed, its number of samples and the recipe that led to it, read off
+//! manifests.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 
+use super::lineage::Lineage;
 use crate::{
     digest::Digest,
     env::{Protocol, Task},
@@ -19,13 +19,10 @@ use crate::{
     store::Store,
 };
 
-/// What the number of samples is counted by.
-const TRANSITIONS: &str = "transitions";
-
 /// One result of one model: what a stage whose kind declares a headline metric measured.
 #[derive(Debug, Clone)]
 pub struct Outcome {
-    /// The metric that it is judged by (`Stage::HEADLINE`).
+    /// The metric that the model is judged by (`Stage::HEADLINE`).
     pub headline: &'static str,
     /// The run.
     pub run: String,
@@ -39,27 +36,27 @@ pub struct Outcome {
     pub stage: String,
     /// The seed.
     pub seed: u64,
-    /// The other axes of the matrix that reach it.
+    /// The values of the matrix's other axes.
     pub point: Vec<(String, String)>,
-    /// The round.
+    /// The round; `None` outside of a loop.
     pub round: Option<u32>,
-    /// Whether it is of the last round.
+    /// Whether it belongs to the last round.
     pub is_last: bool,
     /// The task.
     pub task: Task,
     /// Mean %-goal of the best possible controller, where it was measured under the protocol of this evaluation.
     pub ceiling: Option<f64>,
-    /// Transitions that what is evaluated was trained on.
+    /// The number of transitions that the model was trained on.
     pub samples: u64,
-    /// Names everything that led to it but the seed.
+    /// A digest of everything that led to it except the seed. Outcomes with equal recipes may be pooled.
     pub recipe: Digest,
-    /// Names what all rounds and numbers of samples of one curve share.
+    /// A digest of what all rounds and numbers of samples of one curve share.
     pub family: Digest,
-    /// The digest of its key.
+    /// The digest of the node's key.
     pub key: Option<Digest>,
-    /// The content digest of the evaluation.
+    /// The content digest of the node's output.
     pub output: Option<Digest>,
-    /// Its metrics, and those of other stages of its round at its point.
+    /// Its metrics, and those of other stages in its round at its point.
     pub metrics: BTreeMap<String, f64>,
 }
 
@@ -70,171 +67,88 @@ pub fn is_done(node: &NodeRecord) -> bool {
 
 /// Every finished result of a run, in the order of its nodes.
 pub fn outcomes(manifest: &Manifest, kinds: &[Kind]) -> Vec<Outcome> {
-    let reader = Reader::new(manifest, kinds);
+    let lineage = Lineage::new(manifest, kinds);
     let done = manifest.nodes.iter().enumerate().filter(|(_, node)| is_done(node));
-    done.filter_map(|(id, node)| Some(reader.outcome(id, reader.kind(node)?.headline?))).collect()
+    done.filter_map(|(id, node)| {
+        let kind = kinds.iter().find(|kind| kind.name == node.kind)?;
+        Some(outcome(manifest, &lineage, id, kind, kind.headline?))
+    })
+    .collect()
 }
 
-struct Reader<'a> {
-    manifest: &'a Manifest,
-    kinds: &'a [Kind],
-    by_name: BTreeMap<&'a str, usize>,
-}
-
-impl<'a> Reader<'a> {
-    fn new(manifest: &'a Manifest, kinds: &'a [Kind]) -> Self {
-        let by_name = manifest.nodes.iter().enumerate().map(|(id, node)| (node.name.as_str(), id)).collect();
-        Self { manifest, kinds, by_name }
-    }
-
-    fn kind(&self, node: &NodeRecord) -> Option<&'a Kind> {
-        self.kinds.iter().find(|kind| kind.name == node.kind)
-    }
-
-    fn gives(&self, id: usize, artifact: &str) -> bool {
-        self.kind(&self.manifest.nodes[id]).is_some_and(|kind| kind.output == artifact)
-    }
-
-    fn outcome(&self, id: usize, headline: &'static str) -> Outcome {
-        let node = &self.manifest.nodes[id];
-        let upstream = self.upstream(id);
-        Outcome {
-            headline,
-            run: self.manifest.run.clone(),
-            commit: self.manifest.commit.clone(),
-            member: self.manifest.members[node.member].clone(),
-            node: node.name.clone(),
-            stage: without_member(&node.stage).to_owned(),
-            seed: node.stream.seed,
-            point: without_seed(node),
-            round: node.round,
-            is_last: node.is_last,
-            task: node.task.clone(),
-            ceiling: self.ceiling(node),
-            samples: self.samples(&upstream),
-            recipe: self.recipe(&upstream),
-            family: self.family(node),
-            key: node.key,
-            output: node.output,
-            metrics: self.metrics(node),
-        }
-    }
-
-    /// A node and all that it was made from.
-    fn upstream(&self, id: usize) -> BTreeSet<usize> {
-        let (mut found, mut open) = (BTreeSet::from([id]), vec![id]);
-        while let Some(id) = open.pop() {
-            for source in self.manifest.nodes[id].inputs.values().flatten() {
-                if let Some(&source) = self.by_name.get(source.as_str())
-                    && found.insert(source)
-                {
-                    open.push(source);
-                }
-            }
-        }
-        found
-    }
-
-    /// Transitions made upstream; what two nodes share by an equal key was sampled once.
-    fn samples(&self, upstream: &BTreeSet<usize>) -> u64 {
-        let mut counted = BTreeSet::new();
-        let data = upstream.iter().filter(|&&id| self.gives(id, TRANSITIONS)).map(|&id| &self.manifest.nodes[id]);
-        data.filter(|node| node.key.is_none_or(|key| counted.insert(key)))
-            .filter_map(|node| node.params["samples"].as_u64())
-            .sum()
-    }
-
-    fn recipe(&self, upstream: &BTreeSet<usize>) -> Digest {
-        let place = |name: &String| {
-            let node = self.by_name.get(name.as_str()).map(|&id| &self.manifest.nodes[id]);
-            node.map(|node| json!([without_member(&node.stage), node.round]))
-        };
-        let steps: BTreeSet<String> = upstream
-            .iter()
-            .map(|&id| &self.manifest.nodes[id])
-            .map(|node| {
-                let inputs: BTreeMap<&String, Vec<_>> =
-                    node.inputs.iter().map(|(port, names)| (port, names.iter().map(place).collect())).collect();
-                let step = json!([
-                    without_member(&node.stage),
-                    node.round,
-                    node.kind,
-                    node.version,
-                    node.params,
-                    node.task,
-                    node.stream.stream,
-                    inputs
-                ]);
-                crate::digest::canonical(&step)
-            })
-            .collect();
-        Digest::of_json(&json!(steps))
-    }
-
-    /// What the nodes of one pipeline at one point are, but for rounds, seeds and numbers of samples.
-    fn family(&self, node: &NodeRecord) -> Digest {
-        let own = without_samples(without_seed(node));
-        let is_beside = |other: &&NodeRecord| {
-            let differs = |(axis, value): &(String, String)| own.iter().any(|(mine, it)| mine == axis && it != value);
-            other.member == node.member && other.task == node.task && !without_seed(other).iter().any(differs)
-        };
-        let steps: BTreeSet<String> = self
-            .manifest
-            .nodes
-            .iter()
-            .filter(is_beside)
-            .map(|node| {
-                let mut params = node.params.clone();
-                params.as_object_mut().map(|table| table.remove("samples"));
-                crate::digest::canonical(&json!([without_member(&node.stage), node.kind, node.version, params]))
-            })
-            .collect();
-        Digest::of_json(&json!(steps))
-    }
-
-    /// A protocol is what an evaluation can set but who acts, the rule outside of the policy and how often it is tried.
-    fn ceiling(&self, node: &NodeRecord) -> Option<f64> {
-        const FREE: [&str; 4] = ["controller", "episodes", "start", "unstick"];
-        let (kind, params) = (self.kind(node)?, node.params.as_object()?);
-        let own = (kind.preset)(&PresetOf { preset: Preset::Recipe, task: &node.task, given: params });
-        let is_own = params.iter().all(|(name, value)| FREE.contains(&name.as_str()) || own[name] == *value);
-        let radius = params.get("radius")?.as_f64()?;
-        let start =
-            params.get("start").and_then(|start| serde_json::from_value(start.clone()).ok()).unwrap_or_default();
-        node.task.ceiling(Protocol { radius, start }).filter(|_| is_own)
-    }
-
-    /// The metrics of an evaluation, and those of other stages of its round at its point.
-    fn metrics(&self, node: &NodeRecord) -> BTreeMap<String, f64> {
-        let mut metrics = node.metrics.clone();
-        let is_beside = |other: &&NodeRecord| {
-            (other.member, &other.point, other.round) == (node.member, &node.point, node.round)
-                && is_done(other)
-                && other.name != node.name
-        };
-        for other in self.manifest.nodes.iter().filter(is_beside) {
-            for (name, value) in &other.metrics {
-                metrics.entry(name.clone()).or_insert(*value);
-            }
-        }
-        metrics
+fn outcome(manifest: &Manifest, lineage: &Lineage<'_>, id: usize, kind: &Kind, headline: &'static str) -> Outcome {
+    let node = &manifest.nodes[id];
+    let upstream = lineage.upstream(id);
+    Outcome {
+        headline,
+        run: manifest.run.clone(),
+        commit: manifest.commit.clone(),
+        member: manifest.members[node.member].clone(),
+        node: node.name.clone(),
+        stage: without_member(&node.stage).to_owned(),
+        seed: node.stream.seed,
+        point: without_seed(node),
+        round: node.round,
+        is_last: node.is_last,
+        task: node.task.clone(),
+        ceiling: ceiling(node, kind),
+        samples: lineage.samples(&upstream),
+        recipe: lineage.recipe(&upstream),
+        family: lineage.family(node),
+        key: node.key,
+        output: node.output,
+        metrics: metrics(manifest, node),
     }
 }
 
-fn without_seed(node: &NodeRecord) -> Vec<(String, String)> {
+/// The ceiling of an evaluation, where it was measured under exactly this protocol. The protocol consists of all
+/// parameters but the free ones.
+fn ceiling(node: &NodeRecord, kind: &Kind) -> Option<f64> {
+    const FREE: [&str; 4] = ["controller", "episodes", "start", "unstick"];
+    let params = node.params.as_object()?;
+    let own = (kind.preset)(&PresetOf { preset: Preset::Recipe, task: &node.task, given: params });
+    let is_own = params.iter().all(|(name, value)| FREE.contains(&name.as_str()) || own[name] == *value);
+    let radius = params.get("radius")?.as_f64()?;
+    let start = params.get("start").and_then(|start| serde_json::from_value(start.clone()).ok()).unwrap_or_default();
+    node.task.ceiling(Protocol { radius, start }).filter(|_| is_own)
+}
+
+/// The metrics of a node, and those of other stages in its round at its point.
+fn metrics(manifest: &Manifest, node: &NodeRecord) -> BTreeMap<String, f64> {
+    let mut metrics = node.metrics.clone();
+    let is_beside = |other: &&NodeRecord| {
+        (other.member, &other.point, other.round) == (node.member, &node.point, node.round)
+            && is_done(other)
+            && other.name != node.name
+    };
+    for other in manifest.nodes.iter().filter(is_beside) {
+        for (name, value) in &other.metrics {
+            metrics.entry(name.clone()).or_insert(*value);
+        }
+    }
+    metrics
+}
+
+/// The values of the axes of a node's matrix except the seed.
+pub(super) fn without_seed(node: &NodeRecord) -> Vec<(String, String)> {
     node.point.iter().filter(|(axis, _)| axis != "seed").cloned().collect()
 }
 
-/// A point without the axes that only say how many samples there are.
-pub fn without_samples(point: Vec<(String, String)>) -> Vec<(String, String)> {
+/// A point without the axes that only set the number of samples.
+pub(super) fn without_samples(point: Vec<(String, String)>) -> Vec<(String, String)> {
     point.into_iter().filter(|(axis, _)| !axis.ends_with(".samples")).collect()
 }
 
+/// A point as text: `a.plus=1 b.steps=2`.
+pub fn point_text(point: &[(String, String)]) -> String {
+    point.iter().map(|(axis, value)| format!("{axis}={value}")).collect::<Vec<_>>().join(" ")
+}
+
 impl Outcome {
-    /// A metric by its name: one that a stage reported, or a number in the evaluation itself.
+    /// A metric by its name: one that a stage reported, or a number in the result itself.
     ///
     /// # Errors
-    /// What the system says of the store.
+    /// The store cannot be read.
     pub fn metric(&self, name: &str, store: &Store) -> anyhow::Result<Option<f64>> {
         if name == "samples" {
             return Ok(Some(self.samples as f64));
@@ -250,7 +164,7 @@ impl Outcome {
         Ok(values.filter_map(|value| value.get(name)?.as_f64()).next())
     }
 
-    /// The task in a word, with the options that are not its own defaults.
+    /// The task by name, with the options that differ from the task's defaults.
     pub fn task_name(&self) -> String {
         let env = self.task.env.word();
         let (own, defaults) = (json!(self.task), serde_json::from_value::<Task>(json!({ "env": env })).ok());
@@ -258,5 +172,10 @@ impl Outcome {
         let options = own.as_object().into_iter().flatten().filter(|(name, value)| defaults[name.as_str()] != **value);
         let options: Vec<String> = options.map(|(name, value)| format!(", {name} {value}")).collect();
         format!("{env}{}", options.concat())
+    }
+
+    /// The paper's mean, from the pipeline's label `paper`: 68.0 for `68.0 ± 1.7`.
+    pub fn paper(&self) -> Option<f64> {
+        self.member.labels.get("paper")?.split_whitespace().next()?.parse().ok()
     }
 }

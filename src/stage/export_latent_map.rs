@@ -1,4 +1,4 @@
-//! Writes the latent map of all valid states, as numbers and as a picture.
+//! Writes the latent map of a model: the codes of all valid states, with their colours and axes.
 
 use super::{NoParams, Stage, StageCx, inputs, probe};
 use crate::{
@@ -8,7 +8,7 @@ use crate::{
 
 inputs! {
     pub(super) struct Inputs {
-        /// whose encoder is shown
+        /// the model whose encoder is shown
         model: TrainedModel,
     }
 }
@@ -17,8 +17,9 @@ pub(super) struct ExportLatentMap;
 
 impl Stage for ExportLatentMap {
     const KIND: &'static str = "export_latent_map";
-    const VERSION: u32 = 1;
-    const ABOUT: &'static str = "where the encoder puts all valid states, as numbers and as a picture";
+    /// 2: the artifact holds colours and axes in place of an SVG picture; `carl-pipe plot` draws the picture.
+    const VERSION: u32 = 2;
+    const ABOUT: &'static str = "the codes of all valid states, for `carl-pipe plot` to draw";
     type Params = NoParams;
     type Inputs = Inputs;
     type Output = LatentMap;

@@ -1,14 +1,14 @@
-//! A probe of the latent map: it hands out pictures of known states and takes codes, and keeps the states to itself, so
-//! that training can record its map without ever holding a state.
+//! The probe of latent maps: it encodes images of known states and keeps the states to itself. A training stage can
+//! record the map of its model in this way without ever holding a true state.
 
 use crate::{
-    artifact::LatentMap,
+    artifact::{Codes, LatentMap},
     env::Task,
     lce::LceModel,
     record::{At, MapFrame, Recorder, topic},
 };
 
-/// Pictures of known states.
+/// Images of known states, with the states.
 #[derive(Debug)]
 pub struct MapProbe {
     frames: Vec<u8>,
@@ -19,7 +19,7 @@ pub struct MapProbe {
 }
 
 impl MapProbe {
-    /// The states that a task's map shows.
+    /// The states on the map of a task.
     pub(super) fn new(task: &Task) -> Self {
         let env = task.open();
         let states = env.map_states();
@@ -32,16 +32,16 @@ impl MapProbe {
         }
     }
 
-    /// The map of a model, which holds true positions: for the stage that exports them alone.
+    /// The map of a model. It holds true positions, so only the stage that exports maps may ask for it.
     pub(super) fn map(&self, model: &LceModel) -> LatentMap {
         let latent = model.sizes.latent;
-        let codes = model.encode_means(&model.pictures(&self.frames));
+        let states = model.encode_means(&model.pictures(&self.frames));
         let goals = model.encode_means(&model.pictures(&self.goals));
-        let quality = affine_fit(&codes, latent, &self.coordinates);
-        LatentMap { latent, grid: self.grid.clone(), places: self.places.clone(), codes, goals, quality }
+        let quality = affine_fit(&states, latent, &self.coordinates);
+        LatentMap::new(self.grid.clone(), self.places.clone(), Codes { latent, states, goals }, quality)
     }
 
-    /// Records the map of a model, and gives nothing back: true positions enter its quality.
+    /// Records the map of a model. It returns nothing, because the map's quality depends on true positions.
     pub fn record(&self, model: &LceModel, record: &mut Recorder, at: At) {
         write(&self.map(model), record, at);
     }
@@ -56,11 +56,12 @@ pub fn write(map: &LatentMap, record: &mut Recorder, at: At) {
     record.latent_map(topic::LATENT_MAP, at, &frame);
 }
 
-/// R² of the best affine read-out of coordinates from codes: 1 is a perfect map, 0 one that knows nothing.
+/// R² of the best affine map from codes to coordinates: 1 for a perfect fit, 0 where codes say nothing.
 fn affine_fit(codes: &[f32], latent: usize, coordinates: &[Vec<f32>]) -> f64 {
-    let (width, count) = (latent + 1, coordinates.first().map_or(0, Vec::len));
+    let count = coordinates.first().map_or(0, Vec::len);
     let row = |i: usize| codes[i * latent..][..latent].iter().map(|&z| f64::from(z)).chain([1.0]).collect::<Vec<f64>>();
-    // Normal equations with all right-hand sides beside them.
+    // Normal equations, with the right-hand side of every coordinate to the right.
+    let width = latent + 1;
     let mut equations = vec![vec![0.0; width + count]; width];
     for (i, place) in coordinates.iter().enumerate() {
         let x = row(i);
@@ -70,19 +71,8 @@ fn affine_fit(codes: &[f32], latent: usize, coordinates: &[Vec<f32>]) -> f64 {
             }
         }
     }
-    for pivot in 0..width {
-        let best = (pivot..width).max_by(|&a, &b| equations[a][pivot].abs().total_cmp(&equations[b][pivot].abs()));
-        equations.swap(pivot, best.unwrap_or(pivot));
-        if equations[pivot][pivot].abs() < 1e-12 {
-            return 0.0;
-        }
-        let lead = equations[pivot].clone();
-        for (a, equation) in equations.iter_mut().enumerate() {
-            if a != pivot {
-                let share = equation[pivot] / lead[pivot];
-                equation.iter_mut().zip(&lead).for_each(|(entry, lead)| *entry -= share * lead);
-            }
-        }
+    if !eliminate(&mut equations) {
+        return 0.0;
     }
     let (mut rest, mut total) = (0.0, 0.0);
     for k in 0..count {
@@ -95,6 +85,26 @@ fn affine_fit(codes: &[f32], latent: usize, coordinates: &[Vec<f32>]) -> f64 {
         }
     }
     1.0 - rest / total
+}
+
+/// Gauss-Jordan elimination with row pivots: leaves a diagonal matrix. `false` for a singular one.
+fn eliminate(equations: &mut [Vec<f64>]) -> bool {
+    for pivot in 0..equations.len() {
+        let size = |a: usize| equations[a][pivot].abs();
+        let best = (pivot..equations.len()).max_by(|&a, &b| size(a).total_cmp(&size(b)));
+        equations.swap(pivot, best.unwrap_or(pivot));
+        if equations[pivot][pivot].abs() < 1e-12 {
+            return false;
+        }
+        let lead = equations[pivot].clone();
+        for (a, equation) in equations.iter_mut().enumerate() {
+            if a != pivot {
+                let share = equation[pivot] / lead[pivot];
+                equation.iter_mut().zip(&lead).for_each(|(entry, lead)| *entry -= share * lead);
+            }
+        }
+    }
+    true
 }
 
 #[cfg(test)]

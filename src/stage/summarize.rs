@@ -1,7 +1,7 @@
-//! Sums up evaluations of several models, such as `evaluate@last[*]`, the last round of every seed.
+//! Statistics over the evaluations of several models, such as `evaluate@last[*]`, the last round of every seed.
 //!
-//! The unit is a model with its mean over its episodes; intervals are percentile bootstraps that resample models. It
-//! refuses evaluations under different protocols, whose mean would mean nothing.
+//! The unit is one model with its mean over its episodes; intervals are percentile bootstraps that resample models. The
+//! stage refuses evaluations under different protocols, because their mean would mean nothing.
 
 use anyhow::{Context as _, ensure};
 
@@ -41,7 +41,7 @@ impl Stage for Summarize {
                 (first.controller, first.unstick, first.horizon) == (other.controller, other.unstick, other.horizon);
             ensure!(
                 same && protocol(first) == protocol(other),
-                "evaluations under different protocols cannot be summed up; name those of one task and controller"
+                "evaluations under different protocols have no common mean; name evaluations of one task and one controller"
             );
         }
         let metric = |of: fn(&Evaluation) -> f64| {

@@ -4,7 +4,9 @@ use crate::support::stages;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use carl_pipe::{
-    artifact::{Artifact, Evaluation, Files, LatentMap, MetricSummary, ResultSummary, TrainedModel, Transitions},
+    artifact::{
+        Artifact, Codes, Evaluation, Files, LatentMap, MetricSummary, ResultSummary, TrainedModel, Transitions,
+    },
     control::{Agent, Ilqr, agent::Whitening},
     env::{Environment as _, Planar},
     lce::{Drift, LceModel, Sizes},
@@ -81,14 +83,8 @@ fn ilqr() -> Ilqr {
 }
 
 fn map() -> LatentMap {
-    LatentMap {
-        latent: 2,
-        grid: vec![[0, 0], [0, 1], [1, 0]],
-        places: vec![[0.1, 0.1], [0.1, 0.2], [0.2, 0.1]],
-        codes: vec![0.0, 1.0, 0.5, -1.0, 2.0, 0.25],
-        goals: vec![1.0, 1.0],
-        quality: 0.75,
-    }
+    let codes = Codes { latent: 2, states: vec![0.0, 1.0, 0.5, -1.0, 2.0, 0.25], goals: vec![1.0, 1.0] };
+    LatentMap::new(vec![[0, 0], [0, 1], [1, 0]], vec![[0.1, 0.1], [0.1, 0.2], [0.2, 0.1]], codes, 0.75)
 }
 
 fn summary() -> ResultSummary {

@@ -1,15 +1,15 @@
-//! The few pieces of SVG that the pictures are made of, as text.
+//! A writer of the few SVG elements that charts need.
 
 use std::fmt::Write as _;
 
 /// The colour of text and of axes.
 pub(super) const INK: &str = "#333";
 
-/// A picture that grows; [`Picture::end`] closes it.
-pub(super) struct Picture(pub(super) String);
+/// An SVG picture to write into; [`Picture::end`] closes it.
+pub(super) struct Picture(String);
 
 impl Picture {
-    /// A white sheet.
+    /// A white picture.
     pub(super) fn new(width: f64, height: f64) -> Self {
         Self(format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" \
@@ -18,7 +18,7 @@ impl Picture {
         ))
     }
 
-    /// Words; `style` is further attributes.
+    /// Words; `style` holds further attributes.
     pub(super) fn text(&mut self, [x, y]: [f64; 2], style: &str, words: &str) {
         let words = words.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
         let _ = writeln!(self.0, "<text x=\"{x:.1}\" y=\"{y:.1}\" {style}>{words}</text>");
@@ -37,6 +37,25 @@ impl Picture {
     /// A dot.
     pub(super) fn dot(&mut self, [x, y]: [f64; 2], style: &str) {
         let _ = writeln!(self.0, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\" {style}/>");
+    }
+
+    /// A circle without filling.
+    pub(super) fn ring(&mut self, [x, y]: [f64; 2], radius: f64, style: &str) {
+        let _ = writeln!(self.0, "<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\" fill=\"none\" {style}/>");
+    }
+
+    /// A path in the notation of SVG.
+    pub(super) fn path(&mut self, path: &str, style: &str) {
+        let _ = writeln!(self.0, "<path {style} d=\"{path}\"/>");
+    }
+
+    /// Begins a group; `style` holds for all until [`Picture::end_group`].
+    pub(super) fn group(&mut self, style: &str) {
+        let _ = writeln!(self.0, "<g {style}>");
+    }
+
+    pub(super) fn end_group(&mut self) {
+        self.0.push_str("</g>\n");
     }
 
     /// The whole picture.

@@ -1,0 +1,131 @@
+//! `carl-pipe table`: shows what runs reached, in rows and columns, beside the paper's numbers.
+
+use std::collections::BTreeSet;
+
+use super::{
+    Global,
+    exit::{Error, Exit},
+    file::nearest,
+    out::{self, Paint},
+};
+use crate::{
+    report::{
+        outcomes::{Outcome, outcomes},
+        series::pooled,
+        table::{About, Grid, Rows, UnknownField, csv, json, long, short},
+    },
+    run::{manifest::Manifest, runs},
+    stage::Kind,
+    store::Store,
+};
+
+/// The arguments of `table`.
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "A cell shows the mean over models (one for each seed) in their last round, with its standard error \
+and the number of models. Several runs are pooled. The same seed of the same recipe counts once. `--long`, csv and json \
+add the best and the worst five models, a 95 % percentile bootstrap interval over models, the share of the best possible \
+controller, and the origin of each number.
+
+Examples:
+  carl-pipe table latest
+  carl-pipe table latest --long --format markdown
+  carl-pipe table 20261122-0748 20261123-0912 --rows pipeline --cols samples
+  carl-pipe table latest --metric map_quality --format csv"
+)]
+pub(crate) struct Args {
+    /// The runs: `latest`, ids, or beginnings of ids.
+    #[arg(value_name = "RUN", default_value = "latest")]
+    runs: Vec<String>,
+    /// The field of the rows: task, pipeline, stage, round, samples, seed, a label or an axis of a matrix.
+    #[arg(long, value_name = "FIELD", default_value = "task")]
+    rows: String,
+    /// The field of the columns.
+    #[arg(long, value_name = "FIELD", default_value = "algorithm")]
+    cols: String,
+    /// The metric, such as percent_goal, percent_goal_t, policy_alone, samples or map_quality; the headline of the
+    /// results if not given.
+    #[arg(long, value_name = "NAME")]
+    metric: Option<String>,
+    /// Show all rounds, not only the last one.
+    #[arg(long)]
+    all_rounds: bool,
+    /// One row for each pipeline, with every statistic.
+    #[arg(long)]
+    long: bool,
+    /// text, markdown, csv or json.
+    #[arg(long, value_name = "HOW", default_value = "text", value_enum, hide_possible_values = true)]
+    format: Format,
+}
+
+/// The format of a table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Format {
+    Text,
+    Markdown,
+    Csv,
+    Json,
+}
+
+/// Prints a table.
+pub(crate) fn table(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit, Error> {
+    let store = global.store()?;
+    let mut all = all_outcomes(&store, &args.runs, kinds)?;
+    let by_round = args.all_rounds || [&args.rows, &args.cols].iter().any(|field| *field == "round");
+    all.retain(|outcome| outcome.is_last || by_round);
+    let Some(first) = all.first() else {
+        return Err(Error::usage(format!("no evaluation of the last round is finished in {}", args.runs.join(", ")))
+            .help("add a stage of kind `evaluate`, or let the run go on"));
+    };
+    let metric = args.metric.clone().unwrap_or_else(|| first.headline.to_owned());
+    let known: BTreeSet<String> = all.iter().flat_map(|outcome| outcome.metrics.keys().cloned()).collect();
+    let over_seeds = [&args.rows, &args.cols].iter().all(|field| *field != "seed");
+    let series = pooled(all, &metric, over_seeds, &store)?;
+    if series.is_empty() {
+        let known: Vec<&str> = known.iter().map(String::as_str).chain(["samples", "percent_goal_t"]).collect();
+        return Err(Error::usage(format!("no result has the metric `{metric}`"))
+            .help(format!("there are {}", known.join(", "))));
+    }
+    let grid = Grid::new(series, &args.rows, &args.cols)?;
+    let about = About { metric: &metric, rows: &args.rows, cols: &args.cols };
+    let rows = |is_long| if is_long { long(&grid, about, &store) } else { Ok(short(&grid, about)) };
+    out::print(&match args.format {
+        Format::Csv => csv(&grid, about, &store)?,
+        Format::Json => json(&grid, about, &store)?,
+        Format::Markdown => rows(args.long)?.markdown(),
+        Format::Text => text(rows(args.long)?, global.color.on_stdout()),
+    });
+    Ok(Exit::Ok)
+}
+
+/// Rows in columns, with a bold header.
+pub(crate) fn text(rows: Rows, paint: Paint) -> String {
+    let header = rows.header.iter().map(|name| paint.bold(name)).collect();
+    let all: Vec<Vec<String>> = std::iter::once(header).chain(rows.body).collect();
+    out::table(&all)
+}
+
+/// The outcomes of runs, newest run first, so that the newest of equal outcomes counts.
+pub(crate) fn all_outcomes(store: &Store, wanted: &[String], kinds: &[Kind]) -> Result<Vec<Outcome>, Error> {
+    let mut folders = Vec::new();
+    for run in wanted {
+        folders.push(runs::find(&store.runs(), run).map_err(|error| Error::usage(error.to_string()))?);
+    }
+    let mut manifests = Vec::new();
+    for folder in &folders {
+        manifests.push(Manifest::read(folder)?);
+    }
+    manifests.sort_by(|a, b| b.run.cmp(&a.run));
+    manifests.dedup_by(|a, b| a.run == b.run);
+    Ok(manifests.iter().flat_map(|manifest| outcomes(manifest, kinds)).collect())
+}
+
+impl From<UnknownField> for Error {
+    fn from(unknown: UnknownField) -> Self {
+        let error = Self::usage(unknown.to_string());
+        match nearest(&unknown.name, unknown.known.iter().map(String::as_str)) {
+            Some(near) => error.help(format!("did you mean `{near}`?")),
+            None => error.help(format!("there are {}", unknown.known.join(", "))),
+        }
+    }
+}
