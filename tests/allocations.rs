@@ -16,12 +16,11 @@ use std::{
 use carl_pipe::{
     control::{
         Agent,
-        agent::Whitening,
         regularizer::PolicyRegularizer,
         sac::{self, Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
     },
     lce::{
-        Drift, LceModel,
+        LceModel, PassiveDynamics,
         objective::Weights,
         trainer::{self, Data, Objective, Trainer},
         warm_up::WarmUp,
@@ -135,7 +134,7 @@ fn large_products_allocate_once_for_each_thread_and_small_ones_never() {
 #[test]
 fn a_training_step_of_the_representation_allocates_nothing() {
     let (mut drifting, of_drifting) = model_and_data(SAMPLES);
-    drifting.set_drift(Drift::Quadratic);
+    drifting.set_passive_dynamics(PassiveDynamics::Quadratic);
     let convolutional = convolutional_model_and_data(SAMPLES);
     for (model, data) in [model_and_data(SAMPLES), (drifting, of_drifting), convolutional] {
         a_training_step_allocates_nothing(model, &data);
@@ -145,7 +144,7 @@ fn a_training_step_of_the_representation_allocates_nothing() {
 fn a_training_step_allocates_nothing(model: LceModel, data: &Data) {
     let adam = Adam::new(model.arena.len());
     let mut trainer = Trainer::new(model, adam, AdamSettings { learning_rate: 5e-4, weight_decay: 1e-3 });
-    let warm_up = WarmUp { sigma: 0.3, scale: 1.0, anchor: 30.0, outlier: 3.0, shrink: 0.01 };
+    let warm_up = WarmUp { sigma: 0.3, scale: 1.0, anchor: 30.0, huber_delta: 3.0, shrink: 0.01 };
     let guidance = vec![0.5; data.len()];
     let objective = Objective {
         weights: Weights {
@@ -164,7 +163,7 @@ fn a_training_step_allocates_nothing(model: LceModel, data: &Data) {
         regularizer: None,
     };
     // L_reg against a frozen policy, as the stage puts it together.
-    let agent = Agent::new(2, 2, Whitening::identity(2), 0.0, &mut Rng::seed_from_u64(7));
+    let agent = Agent::new(2, 2, None, 0.0, &mut Rng::seed_from_u64(7));
     let codes: Vec<f32> = (0..2 * data.len()).map(|i| (i % 9) as f32 * 0.1).collect();
     let l_reg = PolicyRegularizer::new(&agent, &codes, &codes);
     let l_reg = |transition: usize, z: &[f32], weight: f32, d_z: &mut [f32]| l_reg.at(transition, z, weight, d_z);
@@ -191,13 +190,13 @@ fn a_training_step_allocates_nothing(model: LceModel, data: &Data) {
 fn a_training_step_of_the_agent_allocates_nothing() {
     let (model, data) = model_and_data(SAMPLES);
     let actions = [&data.actions[..], &data.actions].concat();
-    let codes = Codes { data: model.encode(&data.pictures), actions, goals: vec![0.1, -0.2, 0.5, 0.5] };
+    let codes = Codes { data: model.encode(&data.images), actions, goals: vec![0.1, -0.2, 0.5, 0.5] };
     let settings = Sac {
         discount: 0.99,
         rollout: 5,
         bootstrap: true,
-        target_rate: 0.005,
-        acting_rate: 0.005,
+        tau: 0.005,
+        policy_ema_rate: 0.005,
         actor_learning_rate: 5e-4,
         critic_learning_rate: 1e-3,
         temperature: Temperature::Tuned,
@@ -209,7 +208,7 @@ fn a_training_step_of_the_agent_allocates_nothing() {
         buffer: 5 * sac::BATCH + 11,
     };
     for settings in [settings.clone(), Sac { buffer: 1_000_000, ..settings }] {
-        let agent = Agent::new(2, 2, Whitening::identity(2), 0.0, &mut Rng::seed_from_u64(4));
+        let agent = Agent::new(2, 2, None, 0.0, &mut Rng::seed_from_u64(4));
         let mut trainer = SacTrainer::new(agent, &model, &codes, settings);
         let mut rng = Rng::seed_from_u64(5);
         trainer.step(1, 1.0, &mut rng);

@@ -8,7 +8,7 @@ use carl_pipe::{
     },
     env::Task,
     lce::{
-        LceModel, Observer, Sizes,
+        BackwardSizes, ImageNetworks, LceModel, PreparedEncoder, Sizes,
         model::background,
         objective::Weights,
         trainer::{BATCH, Data, Objective, Trainer},
@@ -89,7 +89,7 @@ fn model_and_data(name: &str) -> (LceModel, Data) {
     let (frames, actions) = transitions(name, &mut rng);
     let (background, action_dim) = (background(&frames, sizes.pixels), sizes.action);
     let model = LceModel::new(sizes, background, &mut rng);
-    let data = Data { pictures: model.pictures(&frames), actions, action_dim };
+    let data = Data { images: model.pictures(&frames), actions, action_dim };
     (model, data)
 }
 
@@ -135,7 +135,7 @@ fn step_flop(sizes: &Sizes) -> f64 {
     let codes = 2 * sizes.latent;
     let conv =
         |side: usize, channels_in: usize, channels_out: usize| (25 * side * side * channels_in * channels_out) as f64;
-    let (encoder, first, decoder) = if let Some([frames, side, _]) = sizes.convolution {
+    let (encoder, first, decoder) = if let ImageNetworks::Convolutional { frames, rows: side, .. } = sizes.images {
         let first = conv(side, frames, 32);
         let others = conv(side / 2, 32, 32) + conv(side / 4, 32, 32) + conv(side / 8, 32, 10);
         let up = conv(side / 8, 10, 32) + conv(side / 4, 32, 32) + conv(side / 2, 32, 32) + conv(side, 32, frames);
@@ -154,7 +154,7 @@ fn step_flop(sizes: &Sizes) -> f64 {
             dense(&[sizes.latent, d0, d1, sizes.pixels]),
         )
     };
-    let [n_z, n_u, n_x, joint] = sizes.backward;
+    let BackwardSizes { z: n_z, u: n_u, x: n_x, joint } = sizes.backward;
     let see = dense(&[sizes.pixels, n_x]);
     let backward =
         see + dense(&[n_z + n_u + n_x, joint, codes]) + dense(&[sizes.latent, n_z]) + dense(&[sizes.action, n_u]);
@@ -169,21 +169,21 @@ fn sac(threads: usize) -> Work {
     let (model, data) = model_and_data("planar");
     let (n, a) = (model.sizes.latent, model.sizes.action);
     let codes = Codes {
-        data: model.encode(&data.pictures),
+        data: model.encode(&data.images),
         actions: data.actions.repeat(2),
-        goals: model.encode_means(&data.pictures)[..3 * n].to_vec(),
+        goals: model.encode_means(&data.images)[..3 * n].to_vec(),
     };
     let (model, codes) = (Box::leak(Box::new(model)), Box::leak(Box::new(codes)));
     let mut rng = Rng::seed_from_u64(3);
     let means: Vec<f32> = codes.data.chunks_exact(2 * n).flat_map(|code| &code[..n]).copied().collect();
-    let agent = Agent::new(n, a, Whitening::of(&means, n), 0.1, &mut rng);
+    let agent = Agent::new(n, a, Some(Whitening::of(&means, n)), 0.1, &mut rng);
     // The preset `recipe`.
     let settings = Sac {
         discount: 0.99,
         rollout: 5,
         bootstrap: false,
-        target_rate: 0.005,
-        acting_rate: 0.005,
+        tau: 0.005,
+        policy_ema_rate: 0.005,
         actor_learning_rate: 5e-4,
         critic_learning_rate: 1e-3,
         temperature: Temperature::Tuned,
@@ -213,13 +213,13 @@ fn act() -> Work {
     let (model, data) = model_and_data("planar");
     let (n, a) = (model.sizes.latent, model.sizes.action);
     let mut rng = Rng::seed_from_u64(3);
-    let agent = Agent::new(n, a, Whitening::identity(n), 0.1, &mut rng);
-    let goal = model.encode_means(&data.pictures)[..n].to_vec();
+    let agent = Agent::new(n, a, None, 0.1, &mut rng);
+    let goal = model.encode_means(&data.images)[..n].to_vec();
     let frames = transitions("planar", &mut rng).0[..model.sizes.pixels].to_vec();
     let gflop = 2.0 * (dense(&[1600, 300, 300, 2 * n]) + dense(&[2 * n, 256, 256, 2 * a])) / 1e9;
-    let mut observer = Observer::new(Box::leak(Box::new(model)), 1);
+    let mut encoder = PreparedEncoder::new(Box::leak(Box::new(model)), 1);
     let step = move || {
-        let z = observer.mean(&frames);
+        let z = encoder.mean(&frames);
         std::hint::black_box(agent.act(&z, &goal, None));
     };
     Work { step: Box::new(step), gflop }

@@ -43,11 +43,16 @@ fn take(
     Ok(Trained { arena: take_layers(agent, &format!("{name}/"), layout)?, adam: Adam { m, v, steps } })
 }
 
+/// What the file holds for an agent without whitening: mean 0 and standard deviation 1.
+fn no_whitening(latent: usize) -> Whitening {
+    Whitening { mean: vec![0.0; latent], inverse: vec![1.0; latent] }
+}
+
 impl Artifact for Agent {
     const TYPE: &'static str = "agent";
 
     fn save(&self) -> anyhow::Result<Files> {
-        let (actor, critic) = (&self.nets.actor.0, &self.nets.critic.0);
+        let (actor, critic) = (&self.nets.actor.layout, &self.nets.critic.layout);
         let (mut agent, mut optimizer) = (Tensors::default(), Tensors::default());
         put(&mut agent, &mut optimizer, "actor", actor, &self.actor);
         put_layers(&mut agent, "acting/", actor, &self.acting);
@@ -57,8 +62,9 @@ impl Artifact for Agent {
         }
         agent.f32("log_alpha", &[1], &self.log_alpha.arena);
         optimizer.f32("log_alpha/m", &[1], &self.log_alpha.adam.m).f32("log_alpha/v", &[1], &self.log_alpha.adam.v);
-        agent.f32("whitening/mean", &[self.latent], &self.whitening.mean);
-        agent.f32("whitening/inverse", &[self.latent], &self.whitening.inverse);
+        let Whitening { mean, inverse } = self.whitening.clone().unwrap_or_else(|| no_whitening(self.latent));
+        agent.f32("whitening/mean", &[self.latent], &mean);
+        agent.f32("whitening/inverse", &[self.latent], &inverse);
         let about = About {
             latent: self.latent,
             action: self.action,
@@ -79,11 +85,12 @@ impl Artifact for Agent {
         let nets = AgentNets::new(about.latent, about.action);
         let agent = TensorFile::open(file(files, "agent.safetensors")?)?;
         let optimizer = TensorFile::open(file(files, "optimizer.safetensors")?)?;
-        let actor = take(&agent, &optimizer, "actor", &nets.actor.0, about.actor_adam_steps)?;
-        let acting = take_layers(&agent, "acting/", &nets.actor.0)?;
-        let critic =
-            |i: usize| take(&agent, &optimizer, &format!("critic_{i}"), &nets.critic.0, about.critic_adam_steps[i]);
-        let target = |i: usize| take_layers(&agent, &format!("target_{i}/"), &nets.critic.0);
+        let actor = take(&agent, &optimizer, "actor", &nets.actor.layout, about.actor_adam_steps)?;
+        let acting = take_layers(&agent, "acting/", &nets.actor.layout)?;
+        let critic = |i: usize| {
+            take(&agent, &optimizer, &format!("critic_{i}"), &nets.critic.layout, about.critic_adam_steps[i])
+        };
+        let target = |i: usize| take_layers(&agent, &format!("target_{i}/"), &nets.critic.layout);
         let (critics, targets) = ([critic(0)?, critic(1)?], [target(0)?, target(1)?]);
         let adam = Adam {
             m: optimizer.f32("log_alpha/m")?,
@@ -107,7 +114,7 @@ impl Artifact for Agent {
             critics,
             targets,
             log_alpha,
-            whitening,
+            whitening: Some(whitening).filter(|whitening| *whitening != no_whitening(about.latent)),
         })
     }
 }

@@ -1,15 +1,16 @@
-//! A trained LCE model: its layers, the optimiser that goes on with them, and the widths that place them.
+//! A trained LCE model: its layers, the state of its optimiser, and its widths.
 
 use anyhow::ensure;
 use serde::{Deserialize, Serialize};
 
 use super::{
     Artifact, Files, json,
+    sizes::SizesFile,
     tensors::{TensorFile, Tensors, file},
 };
 use crate::{
-    lce::{Drift, LceModel, Sizes, model::Nets},
-    nn::{adam::Adam, binary_images::PooledPatches, mlp::Layout},
+    lce::{LceModel, PassiveDynamics, Sizes, nets::Nets},
+    nn::{adam::Adam, mlp::Layout},
 };
 
 /// A model and its optimiser.
@@ -19,14 +20,14 @@ pub struct TrainedModel {
     pub model: LceModel,
     /// Adam's moments for all of them.
     pub adam: Adam<f32>,
-    /// Goal images whose codes may be those of other places: whoever collects looks around there.
-    pub doubted_goals: Vec<usize>,
+    /// Suspect goals, by number: their codes may belong to other places, so collection explores around them.
+    pub suspect_goals: Vec<usize>,
 }
 
 impl TrainedModel {
-    /// Goes on under an anchor with another drift. One that the model has already is kept, with its moments.
-    pub fn set_drift(&mut self, drift: Drift) {
-        self.model.set_drift(drift);
+    /// Changes the passive dynamics of the anchor. Where the model has these already, their parameters and moments stay.
+    pub fn set_passive_dynamics(&mut self, passive_dynamics: PassiveDynamics) {
+        self.model.set_passive_dynamics(passive_dynamics);
         let count = self.model.arena.len();
         self.adam.m.resize(count, 0.0);
         self.adam.v.resize(count, 0.0);
@@ -35,10 +36,10 @@ impl TrainedModel {
 
 #[derive(Serialize, Deserialize)]
 struct About {
-    sizes: Sizes,
+    sizes: SizesFile,
     adam_steps: u64,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    doubted_goals: Vec<usize>,
+    #[serde(default, rename = "doubted_goals", skip_serializing_if = "Vec::is_empty")]
+    suspect_goals: Vec<usize>,
 }
 
 /// Writes the layers of an arena as `NAME.weight` \[in, out\] and `NAME.bias` \[out\]: y = x @ weight + bias.
@@ -84,7 +85,7 @@ impl Artifact for TrainedModel {
         put_layers(&mut optimizer, "m.", &nets.layout, &self.adam.m);
         put_layers(&mut optimizer, "v.", &nets.layout, &self.adam.v);
         let about =
-            About { sizes: sizes.clone(), adam_steps: self.adam.steps, doubted_goals: self.doubted_goals.clone() };
+            About { sizes: sizes.into(), adam_steps: self.adam.steps, suspect_goals: self.suspect_goals.clone() };
         Ok(Files::from([
             ("model.safetensors".to_owned(), model.bytes()?),
             ("optimizer.safetensors".to_owned(), optimizer.bytes()?),
@@ -93,45 +94,8 @@ impl Artifact for TrainedModel {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let About { sizes, adam_steps, doubted_goals } = serde_json::from_slice(file(files, "model.json")?)?;
-        let Sizes {
-            pixels,
-            latent,
-            action,
-            convolution,
-            squares,
-            encoder,
-            decoder,
-            dynamics,
-            backward,
-            slopes: _,
-            drift: _,
-        } = &sizes;
-        check_widths(
-            [pixels, latent, action].into_iter().chain(encoder).chain(decoder).chain(dynamics).chain(backward),
-        )?;
-        if let Some([frames, rows, columns]) = *convolution {
-            check_widths(&[frames, rows, columns])?;
-            let smallest = (rows / 8) * (columns / 8);
-            ensure!(
-                rows % 8 == 0
-                    && columns % 8 == 0
-                    && frames.saturating_mul(rows).saturating_mul(columns) == *pixels
-                    && encoder[0].is_multiple_of(smallest)
-                    && decoder[1].is_multiple_of(smallest),
-                "convolutions of {frames} frames of {rows} x {columns} do not go with the other widths"
-            );
-        }
-        if let Some(PooledPatches { columns, side }) = *squares {
-            check_widths(&[columns])?;
-            ensure!(
-                (1..=15).contains(&side)
-                    && columns % side == 0
-                    && pixels % (columns * side) == 0
-                    && convolution.is_none(),
-                "squares of {side} pixels in {columns} columns do not go with pictures of {pixels} pixels"
-            );
-        }
+        let About { sizes, adam_steps, suspect_goals } = serde_json::from_slice(file(files, "model.json")?)?;
+        let sizes = Sizes::try_from(sizes)?;
         let nets = Nets::new(&sizes);
         let tensors = TensorFile::open(file(files, "model.safetensors")?)?;
         let optimizer = TensorFile::open(file(files, "optimizer.safetensors")?)?;
@@ -143,6 +107,6 @@ impl Artifact for TrainedModel {
         let arena = take_layers(&tensors, "", &nets.layout)?;
         let background = tensors.u8("background")?;
         ensure!(background.len() == sizes.pixels, "a background of {} pixels, not {}", background.len(), sizes.pixels);
-        Ok(Self { model: LceModel { sizes, nets, arena, background }, adam, doubted_goals })
+        Ok(Self { model: LceModel { sizes, nets, arena, background }, adam, suspect_goals })
     }
 }

@@ -6,6 +6,7 @@ mod evaluation;
 mod ilqr;
 mod latent_map;
 mod lce_model;
+mod sizes;
 mod summary;
 mod tensors;
 mod transitions;

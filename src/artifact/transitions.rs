@@ -78,7 +78,7 @@ impl Transitions {
     /// The same for a model's training.
     pub fn data(&self, model: &LceModel) -> Data {
         let pictures = model.pictures(&self.frames());
-        Data { pictures, actions: self.actions.clone(), action_dim: self.action_dim }
+        Data { images: pictures, actions: self.actions.clone(), action_dim: self.action_dim }
     }
 }
 

@@ -1,4 +1,4 @@
-//! The agent: a goal-conditioned actor, twin critics with their targets, and a temperature.
+//! The agent: a goal-conditioned actor, twin critics, target critics, and a temperature.
 
 use crate::{
     nn::{
@@ -10,40 +10,56 @@ use crate::{
 
 /// Hidden layers of actor and critics (paper, Table "Hyper parameters for the SAC controller").
 const HIDDEN: usize = 256;
-/// Log standard deviations of the actor stay within these.
+/// Bounds of the actor's log standard deviations.
 const LOG_SIGMA: (f32, f32) = (-5.0, 2.0);
 
-/// Where networks of an agent lie in their arenas. Every network has an arena and an optimiser of its own.
+/// A network and the layout of its arena. Every network of an agent has an arena and an optimiser of its own.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct AgentNets {
-    /// (z, z_g) -> means and log standard deviations of the action before tanh.
-    pub actor: (Layout, Mlp<3>),
-    /// (z, z_g, a) -> value.
-    pub critic: (Layout, Mlp<3>),
+pub struct Network {
+    /// Names and places of the layers in the arena.
+    pub layout: Layout,
+    /// The layers.
+    pub mlp: Mlp<3>,
 }
 
-impl AgentNets {
-    /// Lays out the networks for a latent space and actions of these dimensions.
-    pub fn new(latent: usize, action: usize) -> Self {
+impl Network {
+    fn new(name: &str, n_in: usize, n_out: usize) -> Self {
         let mut layout = Layout::default();
-        let actor = layout.mlp("actor", 2 * latent, [HIDDEN, HIDDEN, 2 * action]);
-        let mut critic_layout = Layout::default();
-        let critic = critic_layout.mlp("critic", 2 * latent + action, [HIDDEN, HIDDEN, 1]);
-        Self { actor: (layout, actor), critic: (critic_layout, critic) }
+        let mlp = layout.mlp(name, n_in, [HIDDEN, HIDDEN, n_out]);
+        Self { layout, mlp }
     }
 }
 
-/// Shift and scale of codes before they enter actor and critics: the data's mean and standard deviation.
+/// The networks of an agent.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AgentNets {
+    /// (z, z_g) -> means and log standard deviations of the action before tanh.
+    pub actor: Network,
+    /// (z, z_g, a) -> value.
+    pub critic: Network,
+}
+
+impl AgentNets {
+    /// The networks for a latent space and actions of these dimensions.
+    pub fn new(latent: usize, action: usize) -> Self {
+        let actor = Network::new("actor", 2 * latent, 2 * action);
+        let critic = Network::new("critic", 2 * latent + action, 1);
+        Self { actor, critic }
+    }
+}
+
+/// Standardises codes before they enter actor and critics: subtracts the data's mean, divides by its standard
+/// deviation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Whitening {
     /// Mean of every latent coordinate.
     pub mean: Vec<f32>,
-    /// One over its standard deviation.
+    /// One over the standard deviation of every latent coordinate.
     pub inverse: Vec<f32>,
 }
 
 impl Whitening {
-    /// Of codes lying one after the other.
+    /// The whitening of `codes`, which lie one after the other.
     pub fn of(codes: &[f32], latent: usize) -> Self {
         let count = (codes.len() / latent) as f64;
         let moment = |i: usize, f: &dyn Fn(f64) -> f64| {
@@ -55,14 +71,9 @@ impl Whitening {
         Self { mean: mean.iter().map(|&m| m as f32).collect(), inverse }
     }
 
-    /// None: codes enter as they are.
-    pub fn identity(latent: usize) -> Self {
-        Self { mean: vec![0.0; latent], inverse: vec![1.0; latent] }
-    }
-
     /// Writes a whitened code.
     #[inline(always)]
-    pub fn apply(&self, z: &[f32], out: &mut [f32]) {
+    fn apply(&self, z: &[f32], out: &mut [f32]) {
         for (((out, &z), &mean), &inverse) in out.iter_mut().zip(z).zip(&self.mean).zip(&self.inverse) {
             *out = (z - mean) * inverse;
         }
@@ -86,62 +97,81 @@ impl Trained {
     }
 }
 
-/// A soft actor-critic agent in the latent space. All of it is kept over rounds: a fresh critic would undo the policy.
+/// A soft actor-critic agent in the latent space. An agent keeps all of its parts over rounds, because new critics
+/// would undo the policy.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Agent {
     /// Dimension of the latent space.
     pub latent: usize,
     /// Components of an action.
     pub action: usize,
-    /// Networks.
+    /// The networks.
     pub nets: AgentNets,
-    /// The policy.
+    /// The actor in training.
     pub actor: Trained,
-    /// A slow average of the actor, which acts.
+    /// The averaged policy, which acts: an exponential moving average of the actor.
     pub acting: Vec<f32>,
     /// The twin critics.
     pub critics: [Trained; 2],
-    /// Slow averages of the critics, for bootstrapping.
+    /// The target critics: exponential moving averages of the critics, for bootstrapping.
     pub targets: [Vec<f32>; 2],
     /// ln alpha.
     pub log_alpha: Trained,
-    /// Of the codes that the networks were trained on.
-    pub whitening: Whitening,
+    /// How codes are standardised before networks read them; none where networks read codes as they are.
+    pub whitening: Option<Whitening>,
 }
 
 impl Agent {
-    /// A random agent.
-    pub fn new(latent: usize, action: usize, whitening: Whitening, log_alpha: f32, rng: &mut Rng) -> Self {
+    /// An agent with random networks.
+    pub fn new(latent: usize, action: usize, whitening: Option<Whitening>, log_alpha: f32, rng: &mut Rng) -> Self {
         let nets = AgentNets::new(latent, action);
-        let actor = Trained::new(&nets.actor.0, rng);
-        let critics = [(); 2].map(|()| Trained::new(&nets.critic.0, rng));
+        let actor = Trained::new(&nets.actor.layout, rng);
+        let critics = [(); 2].map(|()| Trained::new(&nets.critic.layout, rng));
         let targets = [0, 1].map(|i: usize| critics[i].arena.clone());
         let acting = actor.arena.clone();
         let log_alpha = Trained { arena: vec![log_alpha], adam: Adam::new(1) };
         Self { latent, action, nets, actor, acting, critics, targets, log_alpha, whitening }
     }
 
-    /// Whitened (z, z_g), what the networks read.
+    /// Writes whitened (z, z_g), which the networks read.
     #[inline(always)]
     pub fn input(&self, z: &[f32], z_goal: &[f32], out: &mut [f32]) {
         let (now, goal) = out.split_at_mut(self.latent);
-        self.whitening.apply(z, now);
-        self.whitening.apply(z_goal, &mut goal[..self.latent]);
+        self.whiten(z, now);
+        self.whiten(z_goal, &mut goal[..self.latent]);
     }
 
-    /// The policy's Gaussians before tanh for whitened inputs, one column each; `arena` is the actor's.
+    /// Writes a code as the networks read it.
+    #[inline(always)]
+    pub(super) fn whiten(&self, z: &[f32], out: &mut [f32]) {
+        match &self.whitening {
+            Some(whitening) => whitening.apply(z, out),
+            None => out.copy_from_slice(z),
+        }
+    }
+
+    /// Adds to `d_z` the gradient that comes back through [`Agent::whiten`].
+    pub(super) fn whiten_backward(&self, d_out: &[f32], d_z: &mut [f32]) {
+        for (k, (d_z, &d_out)) in d_z.iter_mut().zip(d_out).enumerate() {
+            *d_z += d_out * self.whitening.as_ref().map_or(1.0, |whitening| whitening.inverse[k]);
+        }
+    }
+
+    /// The policy's Gaussians before tanh for whitened inputs, one column each. `arena` holds the actor's parameters.
     pub fn gaussians(&self, arena: &[f32], inputs: &[f32]) -> Vec<f32> {
         let columns = inputs.len() / (2 * self.latent);
-        let mut pass = Pass::new(&self.nets.actor.1, columns, 1);
-        let mut pass = pass.view(columns);
-        self.nets.actor.1.forward(arena, inputs, &mut pass);
-        for gaussian in pass.out[2].chunks_exact_mut(2 * self.action) {
+        let net = &self.nets.actor.mlp;
+        let mut pass = Pass::new(net, columns, 1);
+        net.forward(arena, inputs, &mut pass.view(columns));
+        let mut gaussians = pass.output().to_vec();
+        for gaussian in gaussians.chunks_exact_mut(2 * self.action) {
             clamp_log_sigma(&mut gaussian[self.action..]);
         }
-        pass.output().to_vec()
+        gaussians
     }
 
-    /// Actions in -1..1 for codes and goals, one column each: the mean action, or with `noise` a sample.
+    /// The averaged policy's actions in -1..1 for codes and goals, one column each. With `noise` they are samples of the
+    /// policy, without it mean actions.
     pub fn act(&self, z: &[f32], z_goal: &[f32], noise: Option<&[f32]>) -> Vec<f32> {
         let (n, a) = (self.latent, self.action);
         let mut inputs = vec![0.0; 2 * z.len()];
@@ -165,7 +195,7 @@ impl Agent {
     }
 }
 
-/// Keeps log standard deviations within their bounds.
+/// Clamps log standard deviations to their bounds.
 #[inline(always)]
 pub fn clamp_log_sigma(log_sigma: &mut [f32]) {
     for l in log_sigma {
@@ -173,12 +203,12 @@ pub fn clamp_log_sigma(log_sigma: &mut [f32]) {
     }
 }
 
-/// True where the clamp passes a gradient.
+/// Whether a gradient passes through [`clamp_log_sigma`].
 pub fn log_sigma_is_free(log_sigma: f32) -> bool {
     log_sigma > LOG_SIGMA.0 && log_sigma < LOG_SIGMA.1
 }
 
-/// A squashed sample a = tanh(mu + sigma epsilon); gives ln pi(a), and writes the action.
+/// Writes a squashed sample a = tanh(mu + sigma epsilon), and returns ln pi(a).
 #[inline(always)]
 pub fn squash(gaussian: &[f32], epsilon: &[f32], action: &mut [f32]) -> f32 {
     let a = epsilon.len();
@@ -186,7 +216,7 @@ pub fn squash(gaussian: &[f32], epsilon: &[f32], action: &mut [f32]) -> f32 {
     for i in 0..a {
         let pre = gaussian[a + i].e_to().mul_add(epsilon[i], gaussian[i]);
         action[i] = pre.tan_h();
-        // ln(1 - tanh²(p)) = 2 (ln 2 - p - softplus(-2p)), which does not cancel.
+        // ln(1 - tanh²(p)) = 2 (ln 2 - p - softplus(-2p)). The right side suffers no cancellation.
         let x = -2.0 * pre;
         let softplus = x.max(0.0) + (-x.abs()).e_to().log_1p();
         let log_slope = 2.0 * (std::f32::consts::LN_2 - pre - softplus);

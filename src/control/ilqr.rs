@@ -1,7 +1,8 @@
-//! iLQR, the controller of PCC: it plans with the mean dynamics of a model, afresh at every step of an episode.
+//! iLQR, the controller of PCC (receding horizon): at every step of an episode it plans with the mean dynamics of a
+//! model and applies the first action of its best plan.
 //!
-//! Nothing is learned. A plan is improved from several random beginnings by Riccati's recursion on a linearisation of
-//! the dynamics; its first action is applied. In double precision throughout.
+//! iLQR learns nothing. It starts from several random plans and improves each by Riccati's recursion on a linearisation
+//! of the dynamics. All numbers are in double precision.
 
 mod dynamics;
 mod matrix;
@@ -11,28 +12,28 @@ mod tests;
 use self::matrix::Matrix;
 use crate::num::{rng::Rng, sampling};
 
-pub use dynamics::{Dynamics, LatentDynamics};
+pub use dynamics::{Dynamics, Jacobians, LatentDynamics};
 
-/// Regularisation of Q_uu to begin with, and after every improvement.
+/// Regularisation of Q_uu at first, and again after every improvement.
 const FIRST_MU: f64 = 1e-5;
-/// Lengths of step that the line search tries: 1, 1/2, 1/4, ….
+/// Step lengths that the line search tries: 1, 1/2, 1/4, ….
 const LINE_SEARCH: usize = 14;
 
-/// How iLQR plans. The cost of a plan is Σ q |z_t - z_g|² + Σ r |u_t|².
+/// Constants of iLQR. The cost of a plan is Σ q |z_t - z_g|² + Σ r |u_t|².
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Ilqr {
-    /// q, the cost of one squared unit of latent distance from the goal.
+    /// Cost of one squared unit of latent distance from the goal, q.
     pub state_cost: f64,
-    /// r, the cost of one squared unit of action, where 1 is an action's limit.
+    /// Cost of one squared unit of action, r. An action's limit is 1.
     pub action_cost: f64,
-    /// Steps of a plan; fewer where the episode ends before.
+    /// Steps of a plan. A plan never outlasts the episode.
     pub plan_length: u64,
-    /// Plans that begin as uniformly random actions.
+    /// Plans that start from uniformly random actions.
     pub uniform_plans: u64,
-    /// Plans that begin as random actions at their limits.
+    /// Plans that start from random actions at their limits.
     pub bang_bang_plans: u64,
-    /// Attempts to improve every plan, at every step of an episode.
+    /// Attempts to improve every plan at every step of an episode.
     pub iterations: u64,
 }
 
@@ -49,44 +50,55 @@ impl Default for Ilqr {
     }
 }
 
-/// Actions, one after the other, and the codes that they lead through, the first one included.
+/// Planned actions, and the codes that they lead through.
 #[derive(Debug, Clone, PartialEq)]
 struct Plan {
+    /// One action a step.
     u: Vec<f64>,
+    /// The first code, then one code a step.
     z: Vec<f64>,
     cost: f64,
 }
 
-/// What Riccati's recursion gives for one step: u + alpha k + K (z_new - z).
+/// The plan that the last step applied.
+#[derive(Debug, Clone, PartialEq)]
+struct Applied {
+    /// Its number among the plans.
+    which: usize,
+    /// Its actions, the applied one included.
+    u: Vec<f64>,
+}
+
+/// The result of Riccati's recursion for one step, k and K: the improved action is u + alpha k + K (z_new - z).
 #[derive(Debug, Clone)]
 struct Gains {
     feed_forward: Matrix,
     feedback: Matrix,
 }
 
-/// Plans towards one goal, from step to step of an episode.
+/// Plans towards one goal over the steps of an episode.
 #[derive(Debug)]
 pub struct Planner<'a, D> {
     settings: &'a Ilqr,
     dynamics: D,
     z_goal: Vec<f64>,
     rng: Rng,
-    /// The last choice: which of the plans it was, and what is left of it.
-    kept: Option<(usize, Vec<f64>)>,
+    applied: Option<Applied>,
 }
 
 impl<'a, D: Dynamics> Planner<'a, D> {
-    /// No plans yet; their beginnings will be drawn from `rng`.
+    /// A planner without plans. It draws first plans from `rng`.
     pub fn new(settings: &'a Ilqr, dynamics: D, z_goal: Vec<f64>, rng: Rng) -> Self {
-        Self { settings, dynamics, z_goal, rng, kept: None }
+        Self { settings, dynamics, z_goal, rng, applied: None }
     }
 
-    /// The action at `z` where `left` actions remain, this one included. It may lie beyond the limits: plans know none.
+    /// The action at `z`, where `left` actions remain, this one included. Plans know no limits of actions, so the action
+    /// may exceed them.
     pub fn act(&mut self, z: &[f64], left: usize) -> Vec<f64> {
         let steps = left.min(self.settings.plan_length as usize);
         let mut best: Option<(usize, Plan)> = None;
         for which in 0..(self.settings.uniform_plans + self.settings.bang_bang_plans) as usize {
-            let actions = self.begin(which, steps);
+            let actions = self.first_actions(which, steps);
             let plan = self.improve(z, &actions);
             if best.as_ref().is_none_or(|(_, best)| plan.cost < best.cost) {
                 best = Some((which, plan));
@@ -94,16 +106,17 @@ impl<'a, D: Dynamics> Planner<'a, D> {
         }
         let (which, plan) = best.expect("at least one plan");
         let action = plan.u[..self.dynamics.action()].to_vec();
-        self.kept = Some((which, plan.u));
+        self.applied = Some(Applied { which, u: plan.u });
         action
     }
 
-    /// The last choice shifted by one step, its last action repeated; random actions for all other plans.
-    fn begin(&mut self, which: usize, steps: usize) -> Vec<f64> {
+    /// The actions that a plan starts from: the applied plan is shifted by one step and its last action repeated, all
+    /// other plans are drawn at random.
+    fn first_actions(&mut self, which: usize, steps: usize) -> Vec<f64> {
         let a = self.dynamics.action();
-        if let Some((_, chosen)) = self.kept.take_if(|(kept, _)| *kept == which) {
-            let last = &chosen[chosen.len() - a..];
-            return chosen[a..].iter().chain(last).copied().take(steps * a).collect();
+        if let Some(Applied { u, .. }) = self.applied.take_if(|applied| applied.which == which) {
+            let last = &u[u.len() - a..];
+            return u[a..].iter().chain(last).copied().take(steps * a).collect();
         }
         let is_uniform = which < self.settings.uniform_plans as usize;
         let mut draw = || match is_uniform {
@@ -113,9 +126,9 @@ impl<'a, D: Dynamics> Planner<'a, D> {
         (0..steps * a).map(|_| draw()).collect()
     }
 
-    /// A plan from these actions, improved.
+    /// The plan that iLQR's iterations reach from these actions.
     fn improve(&mut self, z: &[f64], actions: &[f64]) -> Plan {
-        let mut plan = self.roll_out(z, actions.len(), |t, _, u| u.copy_from_slice(&actions[t * u.len()..][..u.len()]));
+        let mut plan = self.follow(z, actions.len(), |t, _, u| u.copy_from_slice(&actions[t * u.len()..][..u.len()]));
         let mut linear = self.linearize(&plan);
         let mut mu = FIRST_MU;
         for attempt in 1..=self.settings.iterations {
@@ -132,8 +145,8 @@ impl<'a, D: Dynamics> Planner<'a, D> {
         plan
     }
 
-    /// Follows the mean dynamics from `z`; `choose` writes the action of a step for the code reached by then.
-    fn roll_out(&mut self, z: &[f64], actions: usize, choose: impl Fn(usize, &[f64], &mut [f64])) -> Plan {
+    /// The plan that follows the mean dynamics from `z`. `choose` writes the action of a step, given the code there.
+    fn follow(&mut self, z: &[f64], actions: usize, choose: impl Fn(usize, &[f64], &mut [f64])) -> Plan {
         let (n, a) = (self.dynamics.latent(), self.dynamics.action());
         let steps = actions / a;
         let mut plan = Plan { u: vec![0.0; actions], z: vec![0.0; (steps + 1) * n], cost: 0.0 };
@@ -148,7 +161,7 @@ impl<'a, D: Dynamics> Planner<'a, D> {
         plan
     }
 
-    /// Σ q |z_t - z_g|² + Σ r |u_t|²; infinite where a plan leaves the numbers.
+    /// Σ q |z_t - z_g|² + Σ r |u_t|²; infinite where a plan overflows.
     fn cost(&self, plan: &Plan) -> f64 {
         let apart = plan.z.chunks_exact(self.z_goal.len()).flat_map(|z| z.iter().zip(&self.z_goal));
         let far: f64 = apart.map(|(z, goal)| (z - goal) * (z - goal)).sum();
@@ -158,14 +171,14 @@ impl<'a, D: Dynamics> Planner<'a, D> {
     }
 
     /// A = ∂f/∂z and B = ∂f/∂u at every step of a plan.
-    fn linearize(&mut self, plan: &Plan) -> Vec<(Matrix, Matrix)> {
+    fn linearize(&mut self, plan: &Plan) -> Vec<Jacobians> {
         let (n, a) = (self.dynamics.latent(), self.dynamics.action());
         plan.z.chunks_exact(n).zip(plan.u.chunks_exact(a)).map(|(z, u)| self.dynamics.jacobians(z, u)).collect()
     }
 
-    /// The backward pass: V is the cost to go from a step on, Q the same before its action is chosen. None where Q_uu
-    /// has no minimum.
-    fn gains(&self, plan: &Plan, linear: &[(Matrix, Matrix)], mu: f64) -> Option<Vec<Gains>> {
+    /// The backward pass. V is the cost to go at a step, Q the cost to go as a function of its action. None where a Q_uu
+    /// is not positive definite.
+    fn gains(&self, plan: &Plan, linear: &[Jacobians], mu: f64) -> Option<Vec<Gains>> {
         let (n, a) = (self.dynamics.latent(), self.dynamics.action());
         let (q, r) = (self.settings.state_cost, self.settings.action_cost);
         let slope_of = |t: usize| {
@@ -174,7 +187,7 @@ impl<'a, D: Dynamics> Planner<'a, D> {
         };
         let (mut v_z, mut v_zz) = (slope_of(linear.len()), Matrix::diagonal(n, 2.0 * q));
         let mut gains = Vec::with_capacity(linear.len());
-        for (t, (f_z, f_u)) in linear.iter().enumerate().rev() {
+        for (t, Jacobians { a: f_z, b: f_u }) in linear.iter().enumerate().rev() {
             let effort = Matrix::column(plan.u[t * a..][..a].iter().map(|u| 2.0 * r * u).collect());
             let ahead = v_zz.times(f_z);
             let q_z = slope_of(t).plus(&f_z.transposed_times(&v_z));
@@ -192,7 +205,7 @@ impl<'a, D: Dynamics> Planner<'a, D> {
         Some(gains)
     }
 
-    /// The line search: the longest step along the gains after which a plan costs less.
+    /// The line search: the plan after the longest step along the gains that lowers the cost.
     fn search(&mut self, plan: &Plan, gains: &[Gains]) -> Option<Plan> {
         let (n, a) = (self.dynamics.latent(), self.dynamics.action());
         let mut alpha = 1.0;
@@ -206,7 +219,7 @@ impl<'a, D: Dynamics> Planner<'a, D> {
                     *u = plan.u[t * a + i] + alpha * feed_forward.of(i, 0) + change.of(i, 0);
                 }
             };
-            let candidate = self.roll_out(&plan.z[..n], plan.u.len(), follow);
+            let candidate = self.follow(&plan.z[..n], plan.u.len(), follow);
             if candidate.cost < plan.cost {
                 return Some(candidate);
             }

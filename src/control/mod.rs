@@ -1,6 +1,7 @@
-//! Controllers in the latent space: the soft actor-critic agent, its training and its distillation, what its values say
-//! to the representation, iLQR, and closed-loop control from pictures.
+//! Controllers in the latent space (the soft actor-critic agent and iLQR), their training, and closed-loop control from
+//! pictures.
 
+mod actor_kl;
 pub mod agent;
 pub mod distill;
 pub mod guidance;

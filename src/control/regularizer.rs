@@ -1,20 +1,23 @@
-//! L_reg(E, E_-, pi, x) = KL((pi∘E)(·|x) || mu(·|x)) with mu = pi∘E_-: keeps a new encoder close to the old one (paper,
-//! equation "PI-observation").
+//! The regularizer L_reg(E, E_-, pi, x) = KL((pi∘E)(·|x) || mu(·|x)) with mu = pi∘E_-, which keeps a new encoder close
+//! to the old one (paper, equation "PI-observation").
 
 use std::sync::{Mutex, PoisonError};
 
-use super::agent::{Agent, log_sigma_is_free};
-use crate::{nn::mlp::Pass, num::Real as _};
+use super::{
+    actor_kl::{VarianceRatio, actor_kl},
+    agent::Agent,
+};
+use crate::nn::mlp::Pass;
 
-/// The frozen policy and what it did under the old encoder.
+/// A frozen policy, and its Gaussians under the old encoder.
 #[derive(Debug)]
 pub struct PolicyRegularizer<'a> {
     agent: &'a Agent,
-    /// Whitened goal code of every transition; the goals stay where the old encoder put them.
+    /// The whitened goal code of every transition, under the old encoder.
     goals: Vec<f32>,
     /// mu's Gaussian at every transition's x.
     old: Vec<f32>,
-    /// Buffers that no thread uses right now; there are as many as threads have asked at once.
+    /// Buffers that no thread uses at the moment. Every thread takes one and returns it.
     idle: Mutex<Vec<Buffers>>,
 }
 
@@ -29,12 +32,12 @@ struct Buffers {
 impl Buffers {
     fn new(agent: &Agent) -> Self {
         let room = || vec![0.0; 2 * agent.latent];
-        Self { input: room(), d_input: room(), pass: Pass::new(&agent.nets.actor.1, 1, 1) }
+        Self { input: room(), d_input: room(), pass: Pass::new(&agent.nets.actor.mlp, 1, 1) }
     }
 }
 
 impl<'a> PolicyRegularizer<'a> {
-    /// From the old encoder's codes of x and of the goal of every transition, one column each.
+    /// The regularizer for transitions whose x and goal have these codes under the old encoder, one column each.
     pub fn new(agent: &'a Agent, old_codes: &[f32], goal_codes: &[f32]) -> Self {
         let n = agent.latent;
         let mut inputs = vec![0.0; 2 * old_codes.len()];
@@ -50,40 +53,30 @@ impl<'a> PolicyRegularizer<'a> {
         self.idle.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// L_reg of a transition at the code z; adds `weight` times its gradient to `d_z`.
+    /// L_reg of a transition at the code z. Adds `weight` times its gradient to `d_z`.
     pub fn at(&self, transition: usize, z: &[f32], weight: f32, d_z: &mut [f32]) -> f32 {
         let taken = self.idle().pop();
         let mut buffers = taken.unwrap_or_else(|| Buffers::new(self.agent));
-        let value = self.with(&mut buffers, transition, z, weight, d_z);
+        let value = self.at_with(&mut buffers, transition, z, weight, d_z);
         self.idle().push(buffers);
         value
     }
 
-    fn with(&self, buffers: &mut Buffers, transition: usize, z: &[f32], weight: f32, d_z: &mut [f32]) -> f32 {
-        let (n, a) = (self.agent.latent, self.agent.action);
-        let net = &self.agent.nets.actor.1;
+    fn at_with(&self, buffers: &mut Buffers, transition: usize, z: &[f32], weight: f32, d_z: &mut [f32]) -> f32 {
+        let (agent, n, width) = (self.agent, self.agent.latent, 2 * self.agent.action);
+        let net = &agent.nets.actor.mlp;
         let Buffers { input, d_input, pass } = buffers;
-        self.agent.whitening.apply(z, &mut input[..n]);
-        input[n..].copy_from_slice(&self.goals[transition * n..][..n]);
+        let (code, goal) = input.split_at_mut(n);
+        agent.whiten(z, code);
+        goal.copy_from_slice(&self.goals[transition * n..][..n]);
         let mut pass = pass.view(1);
-        net.forward(&self.agent.acting, input, &mut pass);
-        let old = &self.old[transition * 2 * a..][..2 * a];
+        net.forward(&agent.acting, input, &mut pass);
+        let old = &self.old[transition * width..][..width];
         let mut value = 0.0;
-        for k in 0..a {
-            let free = log_sigma_is_free(pass.out[2][a + k]);
-            super::agent::clamp_log_sigma(&mut pass.out[2][a + k..=a + k]);
-            let (mu, log_sigma) = (pass.out[2][k], pass.out[2][a + k]);
-            let inverse = (-2.0 * old[a + k]).e_to();
-            let difference = mu - old[k];
-            let ratio = (2.0 * (log_sigma - old[a + k])).e_to();
-            value += old[a + k] - log_sigma + 0.5 * (ratio + difference * difference * inverse) - 0.5;
-            pass.delta[2][k] = weight * difference * inverse;
-            pass.delta[2][a + k] = if free { weight * (ratio - 1.0) } else { 0.0 };
-        }
-        net.backward(&self.agent.acting, &mut pass, Some(d_input));
-        for k in 0..n {
-            d_z[k] += d_input[k] * self.agent.whitening.inverse[k];
-        }
+        let (gaussian, delta) = pass.output_and_delta();
+        actor_kl(gaussian, old, VarianceRatio::Difference, weight, delta, |kl| value += kl);
+        net.backward(&agent.acting, &mut pass, Some(d_input));
+        agent.whiten_backward(&d_input[..n], d_z);
         value
     }
 }
@@ -96,9 +89,9 @@ mod tests {
     use crate::control::agent::Whitening;
 
     #[test]
-    fn gradient_equals_finite_differences_and_vanishes_at_the_old_code() {
+    fn the_gradient_equals_finite_differences_and_vanishes_at_the_old_code() {
         let mut rng = crate::num::rng::Rng::seed_from_u64(5);
-        let whitening = Whitening { mean: vec![0.1, -0.2], inverse: vec![0.8, 1.3] };
+        let whitening = Some(Whitening { mean: vec![0.1, -0.2], inverse: vec![0.8, 1.3] });
         let agent = Agent::new(2, 2, whitening, 0.0, &mut rng);
         let regularizer = PolicyRegularizer::new(&agent, &[0.3, -0.4], &[1.0, 0.5]);
         let mut at_old = [0.0; 2];

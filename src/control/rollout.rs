@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{
     env::{Environment, Start},
-    lce::{LceModel, Observer},
+    lce::{LceModel, PreparedEncoder},
     num::{rng::Rng, sampling},
 };
 
@@ -112,11 +112,11 @@ pub fn run(
     (acting, unstick): (Acting, Unstick),
     rng: &mut Rng,
 ) -> Vec<Step> {
-    let mut observer = Observer::new(model, 1);
-    let z_goal = observer.mean(&env.picture(&episode.goal));
+    let mut encoder = PreparedEncoder::new(model, 1);
+    let z_goal = encoder.mean(&env.picture(&episode.goal));
     let mut step = 0;
     walk(env, episode, steps, rng, |seen, rng| {
-        let z = observer.mean(seen.picture);
+        let z = encoder.mean(seen.picture);
         let mut epsilon = vec![0.0; agent.action];
         sampling::fill_normal(rng, &mut epsilon);
         let mut action = agent.act(&z, &z_goal, (acting != Acting::Mean).then_some(&epsilon));
@@ -138,8 +138,8 @@ pub fn run_ilqr(
     unstick: Unstick,
     (rng, plans): (&mut Rng, Rng),
 ) -> Vec<Step> {
-    let mut observer = Observer::new(model, 1);
-    let mut code = |picture: &[u8]| observer.mean(picture).into_iter().map(f64::from).collect::<Vec<_>>();
+    let mut encoder = PreparedEncoder::new(model, 1);
+    let mut code = |picture: &[u8]| encoder.mean(picture).into_iter().map(f64::from).collect::<Vec<_>>();
     let mut planner = Planner::new(ilqr, LatentDynamics::of(model), code(&env.picture(&episode.goal)), plans);
     let mut left = steps;
     walk(env, episode, steps, rng, |seen, rng| {

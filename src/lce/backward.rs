@@ -1,6 +1,7 @@
-//! The backward dynamics B(z', u, x) -> z: three affine layers side by side, a joint layer with ReLU, a Gaussian head.
+//! The backward dynamics B(z', u, x) -> Gaussian over z: three affine layers side by side, a joint layer with ReLU, and a
+//! Gaussian head (paper, "Backwards dynamical model").
 
-use super::model::Sizes;
+use super::sizes::{BackwardSizes, Sizes};
 use crate::{
     nn::{
         binary_images::{BinaryImages, OutputRows},
@@ -11,20 +12,42 @@ use crate::{
     num::Real,
 };
 
-/// Where the layers of B lie in the arena.
+/// Where the layers of B are in the arena.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Backward {
-    pub(super) z: Linear,
-    pub(super) u: Linear,
-    pub(super) x: Linear,
-    pub(super) joint: Linear,
-    pub(super) head: Linear,
+    z: Linear,
+    u: Linear,
+    x: Linear,
+    joint: Linear,
+    head: Linear,
 }
 
-/// Buffers of a pass.
+impl Backward {
+    /// Lays out the backward dynamics.
+    pub(super) fn new(layout: &mut Layout, sizes: &Sizes) -> Self {
+        let BackwardSizes { z, u, x, joint } = sizes.backward;
+        Self {
+            z: layout.linear("backward.z", sizes.latent, z),
+            u: layout.linear("backward.u", sizes.action, u),
+            x: layout.linear("backward.x", sizes.entries(), x),
+            joint: layout.linear("backward.joint", z + u + x, joint),
+            head: layout.linear("backward.head", joint, 2 * sizes.latent),
+        }
+    }
+
+    /// The rows of the x layer's output among the outputs of all three layers.
+    fn rows_of_x(&self) -> OutputRows {
+        OutputRows { stride: self.joint.n_in, offset: self.z.n_out + self.u.n_out }
+    }
+}
+
+/// Buffers of B for a batch.
 #[derive(Debug, Clone)]
 pub(super) struct BackwardPass<T> {
-    /// Outputs of the z, u and x layers, one below the other; no ReLU.
+    net: Backward,
+    /// W x_reference + b of the x layer.
+    base: Vec<T>,
+    /// Outputs of the z, u and x layers, one below the other, without ReLU.
     parts: Block<T>,
     joint: Block<T>,
     head: Block<T>,
@@ -34,8 +57,11 @@ pub(super) struct BackwardPass<T> {
 }
 
 cut_together! {
+    /// Some samples of a [`BackwardPass`].
     #[derive(Debug)]
-    pub(super) struct BackwardMut<'a, T> {
+    pub(super) struct BackwardColumns<'a, T> {
+        net: &'a Backward,
+        base: &'a [T],
         parts: BlockMut<'a, T>,
         joint: BlockMut<'a, T>,
         head: BlockMut<'a, T>,
@@ -46,21 +72,31 @@ cut_together! {
 }
 
 impl<T: Real> BackwardPass<T> {
+    /// Buffers for `samples` samples.
     pub(super) fn new(net: &Backward, samples: usize) -> Self {
-        let [parts, joint, head] = [net.joint.n_in, net.joint.n_out, net.head.n_out];
-        let room = |width| Block::new(width, samples);
+        let block = |width| Block::new(width, samples);
         Self {
-            parts: room(parts),
-            joint: room(joint),
-            head: room(head),
-            d_parts: room(parts),
-            d_joint: room(joint),
-            d_head: room(head),
+            net: *net,
+            base: vec![T::ZERO; net.x.n_out],
+            parts: block(net.joint.n_in),
+            joint: block(net.joint.n_out),
+            head: block(net.head.n_out),
+            d_parts: block(net.joint.n_in),
+            d_joint: block(net.joint.n_out),
+            d_head: block(net.head.n_out),
         }
     }
 
-    pub(super) fn view(&mut self, samples: usize) -> BackwardMut<'_, T> {
-        BackwardMut {
+    /// Computes what all samples of a step share; once a step, before [`BackwardPass::view`].
+    pub(super) fn pack(&mut self, arena: &[T], images: &BinaryImages) {
+        images.base(&self.net.x, arena, &mut self.base);
+    }
+
+    /// The first `samples` samples.
+    pub(super) fn view(&mut self, samples: usize) -> BackwardColumns<'_, T> {
+        BackwardColumns {
+            net: &self.net,
+            base: &self.base,
             parts: self.parts.view(samples),
             joint: self.joint.view(samples),
             head: self.head.view(samples),
@@ -69,94 +105,26 @@ impl<T: Real> BackwardPass<T> {
             d_head: self.d_head.view(samples),
         }
     }
-}
 
-impl<T: Real> BackwardMut<'_, T> {
-    /// The Gaussian over z for one sample.
-    pub(super) fn gaussian(&mut self, sample: usize) -> &mut [T] {
-        self.head.sample(sample)
-    }
-
-    /// The same beside the gradient with respect to it, to fill in.
-    pub(super) fn gaussian_and_gradient(&mut self, sample: usize) -> (&[T], &mut [T]) {
-        (self.head.sample(sample), self.d_head.sample(sample))
-    }
-}
-
-impl Backward {
-    pub(super) fn new(layout: &mut Layout, sizes: &Sizes) -> Self {
-        let [n_z, n_u, n_x, n_joint] = sizes.backward;
-        Self {
-            z: layout.linear("backward.z", sizes.latent, n_z),
-            u: layout.linear("backward.u", sizes.action, n_u),
-            x: layout.linear("backward.x", sizes.entries(), n_x),
-            joint: layout.linear("backward.joint", n_z + n_u + n_x, n_joint),
-            head: layout.linear("backward.head", n_joint, 2 * sizes.latent),
-        }
-    }
-
-    fn place_x(&self) -> OutputRows {
-        OutputRows { stride: self.joint.n_in, offset: self.z.n_out + self.u.n_out }
-    }
-
-    /// W x_reference + b of the picture layer, once a step.
-    pub(super) fn base<T: Real>(&self, arena: &[T], pictures: &BinaryImages, base: &mut [T]) {
-        pictures.base(&self.x, arena, base);
-    }
-
-    /// B(·|z', u, x) for columns of z' and u and the pictures `x`.
-    pub(super) fn forward<T: Real>(
-        &self,
-        arena: &[T],
-        (z, u): (&[T], &[T]),
-        (pictures, base, x): (&BinaryImages, &[T], &[u32]),
-        pass: &mut BackwardMut<'_, T>,
-    ) {
-        let stride = self.joint.n_in;
-        for ((parts, z), u) in
-            pass.parts.data.chunks_exact_mut(stride).zip(z.chunks_exact(self.z.n_in)).zip(u.chunks_exact(self.u.n_in))
-        {
-            let (part_z, rest) = parts.split_at_mut(self.z.n_out);
-            self.z.forward(arena, z, part_z, false);
-            self.u.forward(arena, u, &mut rest[..self.u.n_out], false);
-        }
-        pictures.affine(&self.x, arena, base, x, pass.parts.data, self.place_x(), false);
-        self.joint.forward(arena, pass.parts.data, pass.joint.data, true);
-        self.head.forward(arena, pass.joint.data, pass.head.data, false);
-    }
-
-    /// Deltas of all layers from that of the head; adds the gradient with respect to z' to `d_z`.
-    pub(super) fn backward<T: Real>(&self, arena: &[T], pass: &mut BackwardMut<'_, T>, d_z: &mut [T]) {
-        self.head.backward(arena, pass.d_head.data, pass.d_joint.data);
-        mask(pass.d_joint.data, pass.joint.data);
-        self.joint.backward(arena, pass.d_joint.data, pass.d_parts.data);
-        let w = self.z.w(arena);
-        for (d_parts, d_z) in pass.d_parts.data.chunks_exact(self.joint.n_in).zip(d_z.chunks_exact_mut(self.z.n_in)) {
-            for (d_z, w) in d_z.iter_mut().zip(w.chunks_exact(self.z.n_out)) {
-                for (&w, &d) in w.iter().zip(d_parts) {
-                    *d_z = w.fma(d, *d_z);
-                }
-            }
-        }
-    }
-
-    /// Gradients of all weights over all samples.
-    pub(super) fn gradient<T: Real>(
-        &self,
+    /// Sets the gradients of all weights over the first `samples` samples.
+    pub(super) fn gradient(
+        &mut self,
         threads: usize,
         gradient: &mut [T],
         (z, u): (&[T], &[T]),
-        (pictures, x): (&BinaryImages, &[u32]),
-        pass: &BackwardMut<'_, T>,
+        (images, x): (&BinaryImages, &[u32]),
+        samples: usize,
     ) {
-        self.head.gradient(threads, gradient, Accumulate::Replace, pass.joint.data, pass.d_head.data);
-        self.joint.gradient(threads, gradient, Accumulate::Replace, pass.parts.data, pass.d_joint.data);
-        pictures.gradient(threads, &self.x, gradient, x, pass.d_parts.data, self.place_x());
-        for (layer, input, offset) in [(self.z, z, 0), (self.u, u, self.z.n_out)] {
+        let net = self.net;
+        let BackwardColumns { parts, joint, d_parts, d_joint, d_head, .. } = self.view(samples);
+        net.head.gradient(threads, gradient, Accumulate::Replace, joint.data, d_head.data);
+        net.joint.gradient(threads, gradient, Accumulate::Replace, parts.data, d_joint.data);
+        images.gradient(threads, &net.x, gradient, x, d_parts.data, net.rows_of_x());
+        for (layer, input, offset) in [(net.z, z, 0), (net.u, u, net.z.n_out)] {
             let (dw, db) = layer.w_b_mut(gradient);
             dw.fill(T::ZERO);
             db.fill(T::ZERO);
-            for (d, x) in pass.d_parts.data.chunks_exact(self.joint.n_in).zip(input.chunks_exact(layer.n_in)) {
+            for (d, x) in d_parts.data.chunks_exact(net.joint.n_in).zip(input.chunks_exact(layer.n_in)) {
                 let d = &d[offset..offset + layer.n_out];
                 for (dw, &x) in dw.chunks_exact_mut(layer.n_out).zip(x) {
                     for (dw, &d) in dw.iter_mut().zip(d) {
@@ -168,6 +136,50 @@ impl Backward {
                 }
             }
         }
+    }
+}
+
+impl<T: Real> BackwardColumns<'_, T> {
+    /// B(·|z', u, x) for columns of z' and u and the images `x`.
+    pub(super) fn forward(&mut self, arena: &[T], (z, u): (&[T], &[T]), (images, x): (&BinaryImages, &[u32])) {
+        let net = self.net;
+        let parts = self.parts.data.chunks_exact_mut(net.joint.n_in);
+        for ((parts, z), u) in parts.zip(z.chunks_exact(net.z.n_in)).zip(u.chunks_exact(net.u.n_in)) {
+            let (part_z, rest) = parts.split_at_mut(net.z.n_out);
+            net.z.forward(arena, z, part_z, false);
+            net.u.forward(arena, u, &mut rest[..net.u.n_out], false);
+        }
+        images.affine(&net.x, arena, self.base, x, self.parts.data, net.rows_of_x(), false);
+        net.joint.forward(arena, self.parts.data, self.joint.data, true);
+        net.head.forward(arena, self.joint.data, self.head.data, false);
+    }
+
+    /// The deltas of all layers, from the gradient with respect to the Gaussians. Adds the gradient with respect to z'
+    /// to `d_z`.
+    pub(super) fn backward(&mut self, arena: &[T], d_z: &mut [T]) {
+        let net = self.net;
+        net.head.backward(arena, self.d_head.data, self.d_joint.data);
+        mask(self.d_joint.data, self.joint.data);
+        net.joint.backward(arena, self.d_joint.data, self.d_parts.data);
+        let w = net.z.w(arena);
+        let d_parts = self.d_parts.data.chunks_exact(net.joint.n_in);
+        for (d_parts, d_z) in d_parts.zip(d_z.chunks_exact_mut(net.z.n_in)) {
+            for (d_z, w) in d_z.iter_mut().zip(w.chunks_exact(net.z.n_out)) {
+                for (&w, &d) in w.iter().zip(d_parts) {
+                    *d_z = w.fma(d, *d_z);
+                }
+            }
+        }
+    }
+
+    /// The Gaussian over z of one sample.
+    pub(super) fn gaussian(&mut self, sample: usize) -> &[T] {
+        self.head.sample(sample)
+    }
+
+    /// The Gaussian over z of one sample, and the gradient with respect to it.
+    pub(super) fn gaussian_and_gradient(&mut self, sample: usize) -> (&[T], &mut [T]) {
+        (self.head.sample(sample), self.d_head.sample(sample))
     }
 }
 

@@ -1,8 +1,10 @@
-//! The curvature loss L_cur: how far F's mean is from a linearisation nearby, |f(z + e_z, u + e_u) - f(z, u) - A e_z - B e_u|².
+//! The curvature loss L_cur = |f(z + e_z, u + e_u) - f(z, u) - A e_z - B e_u|², where f is F's mean (paper, equation
+//! "CARL-loss"; PCC, equation 8).
 //!
-//! A and B are F's exact slopes at (z, u), or, where a model has heads for them, what these say: PCC's amortized version.
+//! A and B are F's exact Jacobians at (z, u). In a model with a head for Jacobians they are the head's (PCC, equation 9,
+//! "amortized").
 
-use super::model::Nets;
+use super::nets::Nets;
 use crate::{
     nn::{
         columns::{Block, BlockMut, cut_together},
@@ -12,7 +14,7 @@ use crate::{
     num::Real,
 };
 
-/// Buffers: F at a point, F nearby, and the directional derivative between them or the slopes that heads give.
+/// Buffers: F at a point, F nearby, and either the directional derivative between them or the head's Jacobians.
 #[derive(Debug, Clone)]
 pub(super) struct Curvature<T> {
     at_input: Block<T>,
@@ -21,49 +23,54 @@ pub(super) struct Curvature<T> {
     at: Pass<T, 3>,
     near: Pass<T, 3>,
     tangent: Pass<T, 3>,
-    slopes: Block<T>,
-    d_slopes: Block<T>,
+    jacobians: Block<T>,
+    d_jacobians: Block<T>,
 }
 
 cut_together! {
+    /// Some samples of a [`Curvature`].
     #[derive(Debug)]
-    pub(super) struct CurvatureMut<'a, T> {
+    pub(super) struct CurvatureColumns<'a, T> {
         at_input: BlockMut<'a, T>,
         near_input: BlockMut<'a, T>,
         direction: BlockMut<'a, T>,
         at: PassMut<'a, T, 3>,
         near: PassMut<'a, T, 3>,
         tangent: PassMut<'a, T, 3>,
-        slopes: BlockMut<'a, T>,
-        d_slopes: BlockMut<'a, T>,
+        jacobians: BlockMut<'a, T>,
+        d_jacobians: BlockMut<'a, T>,
     }
 }
 
 impl<T: Real> Curvature<T> {
+    /// Buffers for `samples` samples.
     pub(super) fn new(nets: &Nets, samples: usize) -> Self {
         let width = nets.dynamics.layers[0].n_in;
         let [at, near, tangent] = [(); 3].map(|()| Pass::new(&nets.dynamics, samples, 1));
         let [at_input, near_input, direction] = [(); 3].map(|()| Block::new(width, samples));
-        let [slopes, d_slopes] = [(); 2].map(|()| Block::new(nets.slopes.map_or(0, |head| head.n_out), samples));
-        Self { at_input, near_input, direction, at, near, tangent, slopes, d_slopes }
+        let [jacobians, d_jacobians] =
+            [(); 2].map(|()| Block::new(nets.jacobian_head.map_or(0, |head| head.n_out), samples));
+        Self { at_input, near_input, direction, at, near, tangent, jacobians, d_jacobians }
     }
 
-    pub(super) fn view(&mut self, samples: usize) -> CurvatureMut<'_, T> {
-        CurvatureMut {
+    /// The first `samples` samples.
+    pub(super) fn view(&mut self, samples: usize) -> CurvatureColumns<'_, T> {
+        CurvatureColumns {
             at_input: self.at_input.view(samples),
             near_input: self.near_input.view(samples),
             direction: self.direction.view(samples),
             at: self.at.view(samples),
             near: self.near.view(samples),
             tangent: self.tangent.view(samples),
-            slopes: self.slopes.view(samples),
-            d_slopes: self.d_slopes.view(samples),
+            jacobians: self.jacobians.view(samples),
+            d_jacobians: self.d_jacobians.view(samples),
         }
     }
 }
 
-impl<T: Real> CurvatureMut<'_, T> {
-    /// Sets the point (z, u) of one sample and its neighbour at sigma (e_z, e_u). No gradient flows into either.
+impl<T: Real> CurvatureColumns<'_, T> {
+    /// Sets the point (z, u) of one sample, and the point nearby at a distance of `sigma` times `noise`. No gradient flows
+    /// into either point.
     pub(super) fn set(&mut self, sample: usize, point: [&[T]; 2], noise: [&[T]; 2], sigma: T) {
         let at = self
             .at_input
@@ -78,32 +85,33 @@ impl<T: Real> CurvatureMut<'_, T> {
         }
     }
 
-    /// L_cur of every sample; deltas are `weight` times its gradient.
+    /// Passes L_cur of every sample to `value`. Deltas become `weight` times its gradient.
     pub(super) fn run(&mut self, nets: &Nets, arena: &[T], weight: T, value: impl FnMut(usize, T)) {
         let f = &nets.dynamics;
         f.forward(arena, self.at_input.data, &mut self.at);
         f.forward(arena, self.near_input.data, &mut self.near);
-        match &nets.slopes {
-            None => self.with_exact_slopes(f, arena, weight, value),
-            Some(head) => self.with_learned_slopes((f, head), arena, weight, value),
+        match &nets.jacobian_head {
+            None => self.with_exact_jacobians(f, arena, weight, value),
+            Some(head) => self.with_learned_jacobians((f, head), arena, weight, value),
         }
     }
 
-    fn with_exact_slopes(&mut self, f: &Mlp<3>, arena: &[T], weight: T, mut value: impl FnMut(usize, T)) {
+    fn with_exact_jacobians(&mut self, f: &Mlp<3>, arena: &[T], weight: T, mut value: impl FnMut(usize, T)) {
         f.tangent(arena, &self.at, self.direction.data, &mut self.tangent);
         let width = f.layers[2].n_out;
-        let columns = self.at.out[2].chunks_exact(width).zip(self.near.out[2].chunks_exact(width));
-        let columns = columns.zip(self.tangent.out[2].chunks_exact(width));
-        let deltas = self.at.delta[2].chunks_exact_mut(width).zip(self.near.delta[2].chunks_exact_mut(width));
-        let deltas = deltas.zip(self.tangent.delta[2].chunks_exact_mut(width));
+        let [(at, d_at), (near, d_near), (tangent, d_tangent)] =
+            [&mut self.at, &mut self.near, &mut self.tangent].map(PassMut::output_and_delta);
+        let columns = at.chunks_exact(width).zip(near.chunks_exact(width)).zip(tangent.chunks_exact(width));
+        let deltas = d_at.chunks_exact_mut(width).zip(d_near.chunks_exact_mut(width));
+        let deltas = deltas.zip(d_tangent.chunks_exact_mut(width));
         for (sample, (((at, near), tangent), ((d_at, d_near), d_tangent))) in columns.zip(deltas).enumerate() {
             let mut sum = T::ZERO;
             for i in 0..width {
-                // The upper half are means, the lower log standard deviations, which have no part in this.
-                let rest = if i < width / 2 { near[i] - at[i] - tangent[i] } else { T::ZERO };
-                let slope = weight * (rest + rest);
+                // The lower half are log standard deviations, which L_cur does not concern.
+                let residual = if i < width / 2 { near[i] - at[i] - tangent[i] } else { T::ZERO };
+                let slope = weight * (residual + residual);
                 (d_at[i], d_near[i], d_tangent[i]) = (-slope, slope, -slope);
-                sum += rest * rest;
+                sum += residual * residual;
             }
             value(sample, sum);
         }
@@ -112,38 +120,40 @@ impl<T: Real> CurvatureMut<'_, T> {
         f.tangent_backward(arena, &self.at, &mut self.tangent);
     }
 
-    fn with_learned_slopes(
+    fn with_learned_jacobians(
         &mut self,
         (f, head): (&Mlp<3>, &Linear),
         arena: &[T],
         weight: T,
         mut value: impl FnMut(usize, T),
     ) {
-        head.forward(arena, self.at.out[1], self.slopes.data, false);
+        let [_, last_hidden, _] = &self.at.out;
+        head.forward(arena, last_hidden, self.jacobians.data, false);
         let (width, n) = (f.layers[2].n_out, f.layers[2].n_out / 2);
-        self.at.delta[2].fill(T::ZERO);
-        self.near.delta[2].fill(T::ZERO);
-        for sample in 0..self.at.out[2].len() / width {
-            let (at, near) = (&self.at.out[2][sample * width..], &self.near.out[2][sample * width..]);
+        let [(at, d_at), (near, d_near)] = [&mut self.at, &mut self.near].map(PassMut::output_and_delta);
+        d_at.fill(T::ZERO);
+        d_near.fill(T::ZERO);
+        let columns = at.chunks_exact(width).zip(near.chunks_exact(width));
+        let deltas = d_at.chunks_exact_mut(width).zip(d_near.chunks_exact_mut(width));
+        for (sample, ((at, near), (d_at, d_near))) in columns.zip(deltas).enumerate() {
             let (e_z, e_u) = self.direction.sample(sample).split_at(n);
-            let (a, b) = self.slopes.sample(sample).split_at(n * n);
-            let (d_a, d_b) = self.d_slopes.sample(sample).split_at_mut(n * n);
+            let (a, b) = self.jacobians.sample(sample).split_at(n * n);
+            let (d_a, d_b) = self.d_jacobians.sample(sample).split_at_mut(n * n);
             let mut sum = T::ZERO;
             for i in 0..n {
-                let rows = [(e_z, a, &mut *d_a), (e_u, b, &mut *d_b)];
-                let rows = rows.map(|(way, s, d_s)| (way, &s[i * way.len()..], &mut d_s[i * way.len()..]));
-                // F's means are relative to z, so f(z + e_z, ·) - f(z, ·) has e_z itself in it.
-                let mut rest = near[i] - at[i] + e_z[i];
-                for (way, slopes, _) in &rows {
-                    rest = way.iter().zip(*slopes).fold(rest, |rest, (&way, &slope)| rest - slope * way);
+                let (a, b) = (&a[i * n..][..n], &b[i * e_u.len()..][..e_u.len()]);
+                // F's means are relative to z, so f(z + e_z, ·) - f(z, ·) contains e_z itself.
+                let residual = near[i] - at[i] + e_z[i];
+                let residual = [(e_z, a), (e_u, b)].into_iter().fold(residual, |residual, (way, row)| {
+                    way.iter().zip(row).fold(residual, |residual, (&way, &slope)| residual - slope * way)
+                });
+                let slope = weight * (residual + residual);
+                let (d_a, d_b) = (&mut d_a[i * n..][..n], &mut d_b[i * e_u.len()..][..e_u.len()]);
+                for (way, d_row) in [(e_z, d_a), (e_u, d_b)] {
+                    way.iter().zip(d_row).for_each(|(&way, d_slope)| *d_slope = -slope * way);
                 }
-                let slope = weight * (rest + rest);
-                for (way, _, d_slopes) in rows {
-                    way.iter().zip(d_slopes).for_each(|(&way, d_slope)| *d_slope = -slope * way);
-                }
-                self.at.delta[2][sample * width + i] = -slope;
-                self.near.delta[2][sample * width + i] = slope;
-                sum += rest * rest;
+                (d_at[i], d_near[i]) = (-slope, slope);
+                sum += residual * residual;
             }
             value(sample, sum);
         }
@@ -151,25 +161,27 @@ impl<T: Real> CurvatureMut<'_, T> {
         self.back_through_head((f, head), arena);
     }
 
-    /// Deltas of F at the point, into whose last hidden layer those of the head flow too.
+    /// The deltas of F at the point. The head's deltas flow into F's last hidden layer, too.
     fn back_through_head(&mut self, (f, head): (&Mlp<3>, &Linear), arena: &[T]) {
+        let [out_0, out_1, _] = &self.at.out;
         let [d_0, d_1, d_2] = self.at.delta.each_mut();
         f.layers[2].backward(arena, d_2, d_1);
         let shape = (head.n_out, head.n_in, d_1.len() / head.n_in);
-        mat::product_transposed(d_1, Accumulate::Add, head.w(arena), self.d_slopes.data, shape);
-        mask(d_1, self.at.out[1]);
+        mat::product_transposed(d_1, Accumulate::Add, head.w(arena), self.d_jacobians.data, shape);
+        mask(d_1, out_1);
         f.layers[1].backward(arena, d_1, d_0);
-        mask(d_0, self.at.out[0]);
+        mask(d_0, out_0);
     }
 
-    /// Adds the gradients of the weights over all samples; that of the head is set.
+    /// Adds F's gradients over all samples, and sets the head's.
     pub(super) fn add_gradient(&self, nets: &Nets, gradient: &mut [T]) {
         let f = &nets.dynamics;
+        let [_, last_hidden, _] = &self.at.out;
         f.gradient(1, gradient, Accumulate::Add, self.at_input.data, &self.at);
         f.gradient(1, gradient, Accumulate::Add, self.near_input.data, &self.near);
-        match &nets.slopes {
+        match &nets.jacobian_head {
             None => f.add_tangent_gradient(gradient, self.direction.data, &self.tangent),
-            Some(head) => head.gradient(1, gradient, Accumulate::Replace, self.at.out[1], self.d_slopes.data),
+            Some(head) => head.gradient(1, gradient, Accumulate::Replace, last_hidden, self.d_jacobians.data),
         }
     }
 }

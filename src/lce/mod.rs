@@ -1,18 +1,27 @@
-//! The latent controllable embedding: encoder, dynamics, decoder and backward dynamics, and what trains them.
+//! The latent controllable embedding (LCE): encoder, dynamics, decoder and backward dynamics, and their training.
 
+mod anchor;
+pub mod backend;
 mod backward;
+mod by_kind;
 mod curvature;
 mod decoder;
-pub mod detectors;
-mod drift;
 mod encoder;
+mod gaussian_pair;
+pub mod map_checks;
 pub mod model;
+pub mod nets;
 pub mod objective;
-mod observer;
+mod passes;
+pub mod passive_dynamics;
+pub mod prepared_encoder;
 pub mod refit;
+pub mod sizes;
+mod terms;
 pub mod trainer;
 pub mod warm_up;
 
-pub use drift::Drift;
-pub use model::{LceModel, Sizes};
-pub use observer::Observer;
+pub use model::LceModel;
+pub use passive_dynamics::PassiveDynamics;
+pub use prepared_encoder::PreparedEncoder;
+pub use sizes::{BackwardSizes, ImageNetworks, Sizes};

@@ -1,21 +1,23 @@
-//! F alone, on codes that stand still.
+//! Refits F alone to fixed codes.
 //!
-//! While all networks learn together, F follows codes that move under it and is pulled by every other term. Control sees F
-//! only through rollouts, so it is worth a moment to fit F to the codes as they ended.
+//! While all networks train together, codes move and other terms pull on F, so F lags behind. Control uses the model
+//! through F only, so it pays to fit F to the final codes.
 
-use super::{LceModel, trainer::BATCH};
+use super::{model::LceModel, trainer::BATCH};
 use crate::{
     nn::{
         adam::{Adam, AdamSettings},
         heads,
         mat::Accumulate,
-        mlp::Pass,
+        mlp::{Mlp, Pass, PassMut},
     },
     num::{rng::Rng, sampling, simd::vectorize},
 };
 
-/// Minimises -ln F(E(x')|E(x), u), with the means of E, over `steps` batches of the transitions; nothing but F changes.
-/// `codes` are Gaussians of x and x' in turn. The step size falls linearly from `learning_rate` to zero.
+/// Minimises -ln F(E(x')|E(x), u), with the means of E, over `steps` random batches. Only F changes.
+///
+/// `codes` holds E(·|x) and E(·|x') of every transition in turn, `actions` one column for every transition. The step
+/// size falls linearly from `learning_rate` to zero.
 pub fn refit(model: &mut LceModel, codes: &[f32], actions: &[f32], steps: u64, learning_rate: f64, rng: &mut Rng) {
     let (n, a) = (model.sizes.latent, model.sizes.action);
     let net = model.nets.dynamics;
@@ -36,23 +38,36 @@ pub fn refit(model: &mut LceModel, codes: &[f32], actions: &[f32], steps: u64, l
             }
         }
         let mut pass = pass.view(BATCH);
-        vectorize(
-            #[inline(always)]
-            || {
-                net.forward(&model.arena, &z_u, &mut pass);
-                pass.delta[2].fill(0.0);
-                let gaussians = pass.out[2].chunks_exact(2 * n).zip(pass.delta[2].chunks_exact_mut(2 * n));
-                for ((gaussian, delta), moves) in gaussians.zip(moves.chunks_exact(n)) {
-                    heads::log_density(moves, gaussian, -1.0 / BATCH as f32, &mut d_moves, delta);
-                }
-                net.backward(&model.arena, &mut pass, None);
-            },
-        );
+        density_gradient(&net, &model.arena, (&z_u, &moves), &mut d_moves, &mut pass);
         net.gradient(1, &mut gradient, Accumulate::Replace, &z_u, &pass);
-        let pace = 1.0 - step as f64 / steps as f64;
-        let settings = AdamSettings { learning_rate: learning_rate * pace, weight_decay: 0.0 };
+        let learning_rate_scale = 1.0 - step as f64 / steps as f64;
+        let settings = AdamSettings { learning_rate: learning_rate * learning_rate_scale, weight_decay: 0.0 };
         adam.step(1, settings, &mut model.arena[parameters.clone()], &gradient[parameters.clone()]);
     }
+}
+
+/// The deltas of F for the mean of -ln F(z'|z, u), where `moves` are z' - z. `d_moves` is a buffer of one code.
+fn density_gradient(
+    net: &Mlp<3>,
+    arena: &[f32],
+    (z_u, moves): (&[f32], &[f32]),
+    d_moves: &mut [f32],
+    pass: &mut PassMut<'_, f32, 3>,
+) {
+    let n = d_moves.len();
+    vectorize(
+        #[inline(always)]
+        || {
+            net.forward(arena, z_u, pass);
+            let (gaussians, deltas) = pass.output_and_delta();
+            deltas.fill(0.0);
+            let columns = gaussians.chunks_exact(2 * n).zip(deltas.chunks_exact_mut(2 * n));
+            for ((gaussian, delta), moves) in columns.zip(moves.chunks_exact(n)) {
+                heads::log_density(moves, gaussian, -1.0 / BATCH as f32, d_moves, delta);
+            }
+            net.backward(arena, pass, None);
+        },
+    );
 }
 
 #[cfg(test)]
@@ -63,7 +78,7 @@ mod tests {
     use crate::lce::Sizes;
 
     #[test]
-    fn a_refitted_f_predicts_where_codes_go_and_nothing_else_changes() {
+    fn a_refitted_f_predicts_the_next_codes_and_nothing_else_changes() {
         let mut rng = Rng::seed_from_u64(5);
         let sizes = Sizes { pixels: 4, encoder: [3, 3], decoder: [3, 3], ..Sizes::planar() };
         let mut model = LceModel::<f32>::new(sizes, vec![0; 4], &mut rng);

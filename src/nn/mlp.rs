@@ -295,6 +295,11 @@ impl<'a, T: Real, const L: usize> PassMut<'a, T, L> {
         self.out[L - 1]
     }
 
+    /// The last layer's output, and the gradient with respect to it.
+    pub fn output_and_delta(&mut self) -> (&mut [T], &mut [T]) {
+        (&mut *self.out[L - 1], &mut *self.delta[L - 1])
+    }
+
     /// The gradient with respect to what the last layer put out, to fill in.
     pub fn output_delta(&mut self) -> &mut [T] {
         self.delta[L - 1]

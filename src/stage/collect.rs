@@ -94,10 +94,10 @@ impl Stage for Collect {
         let longest = env.horizon().min(params.episode as usize);
         let whole = if params.r#continue { longest } else { longest.min(total) };
         let follows = ((1.0 - params.explore) * whole as f64).round() as usize;
-        let doubted = &inputs.model.doubted_goals;
-        if follows < whole && !doubted.is_empty() {
-            let goals: Vec<_> = doubted.iter().map(ToString::to_string).collect();
-            let sentence = format!("episodes to doubted goals ({}) end with random actions", goals.join(", "));
+        let suspect = &inputs.model.suspect_goals;
+        if follows < whole && !suspect.is_empty() {
+            let goals: Vec<_> = suspect.iter().map(ToString::to_string).collect();
+            let sentence = format!("episodes to suspect goals ({}) end with random actions", goals.join(", "));
             cx.record.log(At::new(cx.round, 0, 0), Level::Info, &sentence);
             cx.say(&sentence);
         }
@@ -112,7 +112,7 @@ impl Stage for Collect {
             };
             let steps = longest.saturating_sub(done).min(total - transitions.len());
             let controller = (&inputs.model.model, &inputs.agent);
-            let acting = if doubted.contains(&goal) {
+            let acting = if suspect.contains(&goal) {
                 Acting::SampleThenRandom(follows.saturating_sub(done))
             } else {
                 Acting::Sample

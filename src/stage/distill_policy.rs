@@ -103,7 +103,7 @@ impl Stage for DistillPolicy {
         let (observations, goals) = (new.data.len() / n, new.goals.len() / n);
         let batch = params.batch as usize;
         let (mut old_inputs, mut new_inputs) = (vec![0.0; 2 * n * batch], vec![0.0; 2 * n * batch]);
-        let mut pass = Pass::new(&student.nets.actor.1, batch, 1);
+        let mut pass = Pass::new(&student.nets.actor.mlp, batch, 1);
         let mut gradient = vec![0.0; student.actor.arena.len()];
         let mut adam = Adam::new(gradient.len());
         let mut rng = cx.rng("batches");
@@ -132,8 +132,7 @@ impl Stage for DistillPolicy {
 
 /// The agent to refit, reading the new codes.
 fn student(params: &Params, teacher: &Agent, new: &Codes, cx: &StageCx<'_>) -> Agent {
-    let raw = teacher.whitening == Whitening::identity(teacher.latent);
-    let whitening = if raw { teacher.whitening.clone() } else { Whitening::of(&new.data, teacher.latent) };
+    let whitening = teacher.whitening.as_ref().map(|_| Whitening::of(&new.data, teacher.latent));
     if params.fresh {
         Agent::new(teacher.latent, teacher.action, whitening, 0.0, &mut cx.rng("weights"))
     } else {

@@ -12,12 +12,12 @@ use crate::{
     artifact::{TrainedModel, Transitions},
     control::{
         Agent,
-        guidance::{Seen, Spread},
+        guidance::{LatentTransitions, Spread},
         regularizer::PolicyRegularizer,
     },
     lce::{
         LceModel,
-        detectors::{self, Detectors},
+        map_checks::{self, MapChecks},
     },
     record::{At, Level, topic},
 };
@@ -69,7 +69,7 @@ impl Stage for TrainLce {
             let besides = if is_first_round { 0 } else { params.warm_up_epochs + params.ramp_epochs };
             let other = lesson.begin(restarts, besides + params.epochs, cx)?;
             let found_there = judge(&other.model, &transitions);
-            if found_there.soundness(scale) > found.soundness(scale) {
+            if found_there.score(scale) > found.score(scale) {
                 (trained, found, stays) = (other, found_there, restarts);
             }
         }
@@ -77,9 +77,9 @@ impl Stage for TrainLce {
             let sentence = format!("the map of training {} of {} stays", stays + 1, restarts + 1);
             warn(cx, lesson.now(cx.round), &sentence);
         }
-        // In the first round nobody has been near a goal yet, and none is doubted.
-        trained.doubted_goals = if is_first_round { Vec::new() } else { found.doubted_goals() };
-        let goals = trained.doubted_goals.iter().map(|&goal| found.doubt(goal));
+        // The data of the first round lie far from the goals, so no goal is suspect yet.
+        trained.suspect_goals = if is_first_round { Vec::new() } else { found.suspect_goals() };
+        let goals = trained.suspect_goals.iter().map(|&goal| found.why_suspect(goal));
         for sentence in found.fault(scale).into_iter().chain(goals) {
             warn(cx, lesson.now(cx.round), &sentence);
         }
@@ -128,8 +128,8 @@ fn value_guided(
     let encode = |frames: &[u8]| model.encode(&model.pictures(frames));
     let (now, next) = (encode(&transitions.observations), encode(&transitions.next_observations));
     let goals = goal_codes(model, transitions);
-    let seen = Seen { now: &now, next: &next, actions: &transitions.actions, goals: &goals };
-    let errors = params.guidance.td_errors(agent, &seen, &mut cx.rng("guidance"));
+    let latent = LatentTransitions { now: &now, next: &next, actions: &transitions.actions, goals: &goals };
+    let errors = params.guidance.td_errors(agent, &latent, &mut cx.rng("guidance"));
     let weights = params.guidance.weights(&errors);
     record_guidance(cx, &errors, &weights);
     Ok(Some(weights))
@@ -166,11 +166,11 @@ fn warn(cx: &mut StageCx<'_>, at: At, sentence: &str) {
     cx.say(sentence);
 }
 
-/// Pictures that detectors look at: the first, which come from everywhere.
+/// Images that the map checks use: the first ones, which come from all places.
 const JUDGED: usize = 1024;
 
-fn judge(model: &LceModel, transitions: &Transitions) -> Detectors {
+fn judge(model: &LceModel, transitions: &Transitions) -> MapChecks {
     let judged = transitions.len().min(JUDGED) * transitions.pixels();
     let pictures = model.pictures(&transitions.observations[..judged]);
-    detectors::of(model, &pictures, &model.pictures(&transitions.goals))
+    map_checks::check(model, &pictures, &model.pictures(&transitions.goals))
 }

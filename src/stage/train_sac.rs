@@ -161,7 +161,7 @@ impl Stage for TrainSac {
         let agent = inputs.start.unwrap_or_else(|| {
             let n = model.sizes.latent;
             let means: Vec<f32> = codes.data.chunks_exact(2 * n).flat_map(|code| &code[..n]).copied().collect();
-            let whitening = if params.whiten { Whitening::of(&means, n) } else { Whitening::identity(n) };
+            let whitening = params.whiten.then(|| Whitening::of(&means, n));
             let log_alpha = math::ln(params.first_temperature as f32);
             Agent::new(n, model.sizes.action, whitening, log_alpha, &mut cx.rng("weights"))
         });
@@ -195,8 +195,8 @@ impl Params {
             discount: self.discount,
             rollout: self.rollout as usize,
             bootstrap: self.bootstrap,
-            target_rate: self.target_rate,
-            acting_rate: self.acting_rate,
+            tau: self.target_rate,
+            policy_ema_rate: self.acting_rate,
             actor_learning_rate: self.actor_learning_rate,
             critic_learning_rate: self.critic_learning_rate,
             temperature: self.temperature,

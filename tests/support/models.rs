@@ -3,7 +3,7 @@
 use carl_pipe::{
     artifact::Transitions,
     env::{Environment as _, Planar},
-    lce::{Drift, LceModel, Sizes, model::background, trainer::Data},
+    lce::{BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes, model::background, trainer::Data},
     num::{rng::Rng, sampling},
 };
 use rand::SeedableRng as _;
@@ -40,14 +40,13 @@ pub fn convolutional_model_and_data(samples: usize) -> (LceModel, Data) {
         pixels: 2 * 16 * 24,
         latent: 2,
         action: 2,
-        convolution: Some([2, 16, 24]),
-        squares: None,
-        slopes: false,
-        drift: Drift::None,
+        images: ImageNetworks::Convolutional { frames: 2, rows: 16, columns: 24 },
+        jacobian_heads: false,
+        passive_dynamics: PassiveDynamics::None,
         encoder: [60, 20],
         decoder: [20, 60],
         dynamics: [8, 8],
-        backward: [3, 3, 10, 10],
+        backward: BackwardSizes { z: 3, u: 3, x: 10, joint: 10 },
     };
     let mut rng = Rng::seed_from_u64(1);
     let frames: Vec<u8> =
@@ -55,6 +54,6 @@ pub fn convolutional_model_and_data(samples: usize) -> (LceModel, Data) {
     let actions = (0..2 * samples).map(|_| sampling::uniform(&mut rng, -1.0, 1.0)).collect();
     let background = background(&frames, sizes.pixels);
     let model = LceModel::new(sizes, background, &mut rng);
-    let data = Data { pictures: model.pictures(&frames), actions, action_dim: 2 };
+    let data = Data { images: model.pictures(&frames), actions, action_dim: 2 };
     (model, data)
 }

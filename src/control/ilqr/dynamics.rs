@@ -1,10 +1,19 @@
-//! What iLQR plans with: a next code and its exact slopes.
+//! The dynamics that iLQR plans with: the next code, and its Jacobians.
 
 use super::matrix::Matrix;
 use crate::{
     lce::LceModel,
     nn::mlp::{Linear, Mlp, Pass},
 };
+
+/// The Jacobians of dynamics f at one point.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Jacobians {
+    /// A = ∂f/∂z.
+    pub a: Matrix,
+    /// B = ∂f/∂u.
+    pub b: Matrix,
+}
 
 /// Deterministic dynamics that a plan can follow and linearise.
 pub trait Dynamics {
@@ -14,37 +23,37 @@ pub trait Dynamics {
     fn action(&self) -> usize;
     /// Writes f(z, u).
     fn next(&mut self, z: &[f64], u: &[f64], next: &mut [f64]);
-    /// A = ∂f/∂z and B = ∂f/∂u at (z, u).
-    fn jacobians(&mut self, z: &[f64], u: &[f64]) -> (Matrix, Matrix);
+    /// The Jacobians of f at (z, u).
+    fn jacobians(&mut self, z: &[f64], u: &[f64]) -> Jacobians;
 }
 
-/// The mean of a model's F in double precision; its slopes are exact, or what the model's heads for them say.
+/// The mean of a model's F in double precision. The Jacobians are F's own, or, in an amortized model, those of its heads.
 #[derive(Debug)]
 pub struct LatentDynamics {
     net: Mlp<3>,
     arena: Vec<f64>,
-    slopes: Option<Linear>,
+    jacobian_head: Option<Linear>,
     latent: usize,
     z_u: Vec<f64>,
     pass: Pass<f64, 3>,
 }
 
 impl LatentDynamics {
-    /// F of a model.
+    /// The mean of a model's F.
     pub fn of(model: &LceModel) -> Self {
         let layers = model.nets.dynamics.layers;
         let first = layers[0].at;
         let end = layers[2].at + layers[2].len();
         let double = |weights: &[f32]| weights.iter().map(|&weight| f64::from(weight)).collect::<Vec<_>>();
         let mut arena = double(&model.arena[first..end]);
-        let slopes = model.nets.slopes.map(|head| {
+        let jacobian_head = model.nets.jacobian_head.map(|head| {
             let at = arena.len();
             arena.extend(double(&model.arena[head.at..head.at + head.len()]));
             Linear { at, ..head }
         });
         let net = Mlp { layers: layers.map(|layer| Linear { at: layer.at - first, ..layer }) };
         let z_u = vec![0.0; layers[0].n_in];
-        Self { pass: Pass::new(&net, 1, 1), net, arena, slopes, latent: model.sizes.latent, z_u }
+        Self { pass: Pass::new(&net, 1, 1), net, arena, jacobian_head, latent: model.sizes.latent, z_u }
     }
 
     fn forward(&mut self, z: &[f64], u: &[f64]) {
@@ -71,15 +80,15 @@ impl Dynamics for LatentDynamics {
         }
     }
 
-    fn jacobians(&mut self, z: &[f64], u: &[f64]) -> (Matrix, Matrix) {
+    fn jacobians(&mut self, z: &[f64], u: &[f64]) -> Jacobians {
         self.forward(z, u);
         let n = self.latent;
         let mut pass = self.pass.view(1);
-        if let Some(head) = &self.slopes {
+        if let Some(head) = &self.jacobian_head {
             let mut a = vec![0.0; head.n_out];
             head.forward(&self.arena, pass.out[1], &mut a, false);
             let b = a.split_off(n * n);
-            return (Matrix::new(n, a), Matrix::new(u.len(), b));
+            return Jacobians { a: Matrix::new(n, a), b: Matrix::new(u.len(), b) };
         }
         let (mut a, mut b) = (Vec::with_capacity(n * n), Vec::with_capacity(n * u.len()));
         let mut row = vec![0.0; self.z_u.len()];
@@ -91,7 +100,7 @@ impl Dynamics for LatentDynamics {
             a.extend_from_slice(&row[..n]);
             b.extend_from_slice(&row[n..]);
         }
-        (Matrix::new(n, a), Matrix::new(u.len(), b))
+        Jacobians { a: Matrix::new(n, a), b: Matrix::new(u.len(), b) }
     }
 }
 
@@ -101,7 +110,7 @@ mod tests {
 
     use super::*;
     use crate::{
-        lce::Sizes,
+        lce::{ImageNetworks, Sizes},
         num::{rng::Rng, sampling},
     };
 
@@ -113,13 +122,14 @@ mod tests {
     #[test]
     fn jacobians_are_the_differences_of_the_mean_dynamics() {
         let mut rng = Rng::seed_from_u64(8);
-        for sizes in [Sizes::planar(), Sizes::swing_up(), Sizes { convolution: None, ..Sizes::three_pole() }] {
+        for sizes in [Sizes::planar(), Sizes::swing_up(), Sizes { images: ImageNetworks::Dense, ..Sizes::three_pole() }]
+        {
             let mut dynamics = LatentDynamics::of(&model(sizes));
             let (n, width) = (dynamics.latent, dynamics.z_u.len());
             for _ in 0..20 {
                 let mut z_u = vec![0.0; width];
                 sampling::fill_normal(&mut rng, &mut z_u);
-                let (a, b) = dynamics.jacobians(&z_u[..n], &z_u[n..]);
+                let Jacobians { a, b } = dynamics.jacobians(&z_u[..n], &z_u[n..]);
                 for input in 0..width {
                     let mut at = |way: f64| {
                         let mut moved = z_u.clone();
@@ -140,13 +150,13 @@ mod tests {
     }
 
     #[test]
-    fn where_a_model_has_heads_for_its_slopes_they_are_asked() {
-        let mut model = model(Sizes { slopes: true, ..Sizes::swing_up() });
-        let head = model.nets.slopes.expect("a head");
+    fn an_amortized_model_takes_its_jacobians_from_its_heads() {
+        let mut model = model(Sizes { jacobian_heads: true, ..Sizes::swing_up() });
+        let head = model.nets.jacobian_head.expect("a head");
         let (weights, biases) = head.w_b_mut(&mut model.arena);
         weights.fill(0.0);
         biases.iter_mut().zip(0_u8..).for_each(|(bias, i)| *bias = f32::from(i));
-        let (a, b) = LatentDynamics::of(&model).jacobians(&[0.1, 0.2, 0.3], &[0.4]);
+        let Jacobians { a, b } = LatentDynamics::of(&model).jacobians(&[0.1, 0.2, 0.3], &[0.4]);
         let is = |i: usize, j: usize| a.of(i, j) == (3 * i + j) as f64;
         assert!((0..3).all(|i| (0..3).all(|j| is(i, j)) && b.of(i, 0) == (9 + i) as f64));
     }

@@ -45,8 +45,8 @@ impl Dynamics for Affine {
         }
     }
 
-    fn jacobians(&mut self, _: &[f64], _: &[f64]) -> (Matrix, Matrix) {
-        (self.a.clone(), self.b.clone())
+    fn jacobians(&mut self, _: &[f64], _: &[f64]) -> Jacobians {
+        Jacobians { a: self.a.clone(), b: self.b.clone() }
     }
 }
 
@@ -66,8 +66,8 @@ impl Dynamics for Cubic {
         next[0] = z[0] + u[0] * u[0] * u[0];
     }
 
-    fn jacobians(&mut self, _: &[f64], u: &[f64]) -> (Matrix, Matrix) {
-        (Matrix::diagonal(1, 1.0), Matrix::diagonal(1, 3.0 * u[0] * u[0]))
+    fn jacobians(&mut self, _: &[f64], u: &[f64]) -> Jacobians {
+        Jacobians { a: Matrix::diagonal(1, 1.0), b: Matrix::diagonal(1, 3.0 * u[0] * u[0]) }
     }
 }
 
@@ -101,7 +101,7 @@ fn a_plan_on_affine_dynamics_is_the_minimum_of_its_cost() {
         let mut cost = |which: &[usize], size: f64| {
             let mut actions = vec![0.0; count];
             which.iter().for_each(|&i| actions[i] += size);
-            planner.roll_out(&z, count, |t, _, u| u.copy_from_slice(&actions[t * action..][..action])).cost
+            planner.follow(&z, count, |t, _, u| u.copy_from_slice(&actions[t * action..][..action])).cost
         };
         let slopes = (0..count).map(|i| 0.5 * (cost(&[i], 1.0) - cost(&[i], -1.0))).collect();
         let mut bend = |i, j| cost(&[i, j], 1.0) - cost(&[i], 1.0) - cost(&[j], 1.0) + cost(&[], 1.0);
@@ -132,14 +132,14 @@ fn more_iterations_never_cost_more() {
 fn the_chosen_plan_is_shifted_and_the_others_are_drawn_again() {
     let settings = Ilqr::default();
     let mut planner = Planner::new(&settings, Cubic, vec![2.0], rng());
-    planner.kept = Some((1, vec![1.5, 2.5, 3.5]));
-    let uniform = planner.begin(0, 3);
-    assert_eq!(planner.begin(1, 3), [2.5, 3.5, 3.5]);
-    assert_ne!(planner.begin(0, 3), uniform);
+    planner.applied = Some(Applied { which: 1, u: vec![1.5, 2.5, 3.5] });
+    let uniform = planner.first_actions(0, 3);
+    assert_eq!(planner.first_actions(1, 3), [2.5, 3.5, 3.5]);
+    assert_ne!(planner.first_actions(0, 3), uniform);
     assert!(uniform.iter().all(|u| u.abs() < 1.0));
-    assert!(planner.begin(3, 50).iter().all(|u| u.abs() == 1.0), "the fourth begins at the limits");
-    planner.kept = Some((0, vec![1.5, 2.5, 3.5]));
-    assert_eq!(planner.begin(0, 1), [2.5], "the episode ends");
+    assert!(planner.first_actions(3, 50).iter().all(|u| u.abs() == 1.0), "the fourth begins at the limits");
+    planner.applied = Some(Applied { which: 0, u: vec![1.5, 2.5, 3.5] });
+    assert_eq!(planner.first_actions(0, 1), [2.5], "the episode ends");
 }
 
 #[test]
@@ -148,7 +148,7 @@ fn a_plan_is_no_longer_than_the_episode() {
     let mut planner = Planner::new(&settings, Cubic, vec![2.0], rng());
     for (left, length) in [(12, 10), (11, 10), (10, 10), (9, 9), (2, 2), (1, 1)] {
         planner.act(&[0.0], left);
-        assert_eq!(planner.kept.as_ref().map(|(_, u)| u.len()), Some(length));
+        assert_eq!(planner.applied.as_ref().map(|applied| applied.u.len()), Some(length));
     }
 }
 

@@ -1,9 +1,11 @@
 use rand::SeedableRng as _;
 
-use super::*;
+use super::{replay::Tuple, *};
 use crate::{
-    control::agent::Whitening,
-    lce::{Drift, Sizes, model::Nets},
+    control::agent::{Agent, Whitening},
+    lce::{BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes, nets::Nets},
+    nn::mlp::Pass,
+    num::{rng::Rng, sampling},
 };
 
 /// How far one unit of action moves the code in the known dynamics.
@@ -13,17 +15,16 @@ const LOG_SIGMA: f32 = -4.0;
 /// A model whose dynamics are z' = z + STRIDE u, with a little noise: relu(u) - relu(-u) is u.
 fn known_model() -> LceModel {
     let sizes = Sizes {
-        slopes: false,
-        drift: Drift::None,
-        convolution: None,
-        squares: None,
+        jacobian_heads: false,
+        passive_dynamics: PassiveDynamics::None,
+        images: ImageNetworks::Dense,
         pixels: 1,
         latent: 2,
         action: 2,
         encoder: [1, 1],
         decoder: [1, 1],
         dynamics: [4, 4],
-        backward: [1, 1, 1, 1],
+        backward: BackwardSizes { z: 1, u: 1, x: 1, joint: 1 },
     };
     let nets = Nets::new(&sizes);
     let mut arena = vec![0.0; nets.layout.len];
@@ -48,8 +49,8 @@ fn settings() -> Sac {
         discount: 0.9,
         rollout: 4,
         bootstrap: false,
-        target_rate: 0.05,
-        acting_rate: 0.05,
+        tau: 0.05,
+        policy_ema_rate: 0.05,
         actor_learning_rate: 1e-3,
         critic_learning_rate: 2e-3,
         temperature: Temperature::Tuned,
@@ -61,7 +62,7 @@ fn settings() -> Sac {
     }
 }
 
-/// Codes all over a square, with one goal in it.
+/// Codes that cover a square, and one goal in the square.
 fn codes() -> Codes {
     let mut rng = Rng::seed_from_u64(1);
     let mut code = || [sampling::uniform(&mut rng, -2.0, 2.0), sampling::uniform(&mut rng, -2.0, 2.0)];
@@ -75,11 +76,11 @@ fn codes() -> Codes {
 }
 
 fn agent() -> Agent {
-    let whitening = Whitening { mean: vec![0.1, -0.1], inverse: vec![0.9, 1.1] };
+    let whitening = Some(Whitening { mean: vec![0.1, -0.1], inverse: vec![0.9, 1.1] });
     Agent::new(2, 2, whitening, -1.0, &mut Rng::seed_from_u64(2))
 }
 
-/// A trainer with a batch in its buffers and its networks as they were: a step of size zero.
+/// A trainer with a batch in its buffers and unchanged networks, after a step of size zero.
 fn at_rest<'a>(model: &'a LceModel, codes: &'a Codes, settings: Sac) -> SacTrainer<'a> {
     let mut trainer = SacTrainer::new(agent(), model, codes, Sac { temperature: Temperature::Fixed, ..settings });
     trainer.step(1, 0.0, &mut Rng::seed_from_u64(3));
@@ -116,7 +117,7 @@ fn check(
 fn the_actors_gradient_equals_finite_differences() {
     let (model, codes) = (known_model(), codes());
     let mut trainer = at_rest(&model, &codes, settings());
-    let layers = trainer.agent.nets.actor.0.layers.clone();
+    let layers = trainer.agent.nets.actor.layout.layers.clone();
     let start = trainer.agent.actor.arena.clone();
     trainer.update_actor(1, 0.0);
     let gradient = trainer.scratch.actor_gradient.clone();
@@ -134,7 +135,7 @@ fn the_actors_gradient_equals_finite_differences() {
 fn the_critics_gradients_equal_finite_differences() {
     let (model, codes) = (known_model(), codes());
     let mut trainer = at_rest(&model, &codes, settings());
-    let layers = trainer.agent.nets.critic.0.layers.clone();
+    let layers = trainer.agent.nets.critic.layout.layers.clone();
     trainer.update_critics(1, 0.0);
     for which in 0..2 {
         let start = trainer.agent.critics[which].arena.clone();
@@ -159,11 +160,12 @@ fn a_regression_of_the_critics_on_fixed_targets_lowers_their_loss() {
     assert!(losses[29] < 0.1 * losses[0], "{losses:?}");
 }
 
-/// Targets by the words of the algorithm, one sample at a time, in double precision.
+/// The target of one sample by the definition, in double precision.
 fn plain_target(trainer: &SacTrainer<'_>, sample: usize) -> f64 {
     let (agent, settings) = (&trainer.agent, &trainer.settings);
-    let tuple = &trainer.scratch.tuples.data[sample * 8..][..8];
-    let goal: Vec<f64> = tuple[6..].iter().map(|&g| f64::from(g)).collect();
+    let tuple = Tuple::read(&trainer.scratch.tuples.data[sample * 8..][..8], 2, 2);
+    let double = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect::<Vec<f64>>();
+    let goal = double(tuple.z_goal);
     let reward = |action: &[f64], z: &[f64]| {
         let squared: f64 = z.iter().zip(&goal).map(|(z, g)| (z - g).powi(2)).sum();
         match settings.reward {
@@ -174,13 +176,12 @@ fn plain_target(trainer: &SacTrainer<'_>, sample: usize) -> f64 {
     let whitened = |z: &[f64]| -> Vec<f32> {
         let z: Vec<f32> = z.iter().map(|&z| z as f32).collect();
         let mut input = vec![0.0; 4];
-        agent.input(&z, &tuple[6..], &mut input);
+        agent.input(&z, tuple.z_goal, &mut input);
         input
     };
     let alpha = f64::from(agent.temperature());
-    let first: Vec<f64> = tuple[2..4].iter().map(|&u| f64::from(u)).collect();
-    let mut z: Vec<f64> = tuple[4..6].iter().map(|&z| f64::from(z)).collect();
-    let mut target = reward(&first, &z);
+    let mut z = double(tuple.z_next);
+    let mut target = reward(&double(tuple.action), &z);
     for step in 0..settings.rollout + usize::from(settings.bootstrap) {
         let discount = settings.discount.powi(step as i32 + 1);
         let noise = &trainer.scratch.rollout_noise[(step * BATCH + sample) * 4..][..4];
@@ -198,7 +199,7 @@ fn plain_target(trainer: &SacTrainer<'_>, sample: usize) -> f64 {
             let mut input = whitened(&z);
             input.extend(action.iter().map(|&u| u as f32));
             let values = [0, 1].map(|i: usize| {
-                let net = &agent.nets.critic.1;
+                let net = &agent.nets.critic.mlp;
                 let mut pass = Pass::new(net, 1, 1);
                 net.forward(&agent.targets[i], &input, &mut pass.view(1));
                 f64::from(pass.output()[0])
@@ -207,7 +208,7 @@ fn plain_target(trainer: &SacTrainer<'_>, sample: usize) -> f64 {
         }
         for k in 0..2 {
             let moved = z[k] + f64::from(STRIDE) * action[k] + f64::from(LOG_SIGMA).exp() * f64::from(noise[2 + k]);
-            z[k] = moved.clamp(f64::from(trainer.low[k]), f64::from(trainer.high[k]));
+            z[k] = moved.clamp(f64::from(trainer.bounds.low[k]), f64::from(trainer.bounds.high[k]));
         }
         target += discount * reward(&action, &z);
     }
@@ -287,21 +288,11 @@ fn the_temperature_moves_entropy_towards_its_target() {
 }
 
 #[test]
-fn the_buffer_forgets_the_oldest_first() {
-    let mut buffer = Buffer { columns: Vec::new(), width: 2, capacity: 3, next: 0 };
-    for i in 0..5 {
-        buffer.push(&[i as f32, -(i as f32)]);
-    }
-    let mut firsts: Vec<f32> = buffer.columns.iter().step_by(2).copied().collect();
-    firsts.sort_by(f32::total_cmp);
-    assert_eq!(firsts, [2.0, 3.0, 4.0]);
-}
-
-#[test]
-fn slow_networks_move_by_their_share_and_targets_stay_without_a_bootstrap() {
+fn averaged_networks_move_by_their_rate_and_targets_stay_without_a_bootstrap() {
     let (model, codes) = (known_model(), codes());
     for bootstrap in [false, true] {
-        let mut trainer = SacTrainer::new(agent(), &model, &codes, Sac { bootstrap, acting_rate: 1.0, ..settings() });
+        let mut trainer =
+            SacTrainer::new(agent(), &model, &codes, Sac { bootstrap, policy_ema_rate: 1.0, ..settings() });
         let targets = trainer.agent.targets.clone();
         trainer.step(1, 1.0, &mut Rng::seed_from_u64(5));
         let near = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);

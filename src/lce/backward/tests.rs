@@ -1,7 +1,10 @@
 use rand::SeedableRng as _;
 
 use super::*;
-use crate::num::sampling;
+use crate::{
+    lce::{passive_dynamics::PassiveDynamics, sizes::ImageNetworks},
+    num::sampling,
+};
 
 const SAMPLES: usize = 4;
 
@@ -10,7 +13,7 @@ struct Case {
     arena: Vec<f64>,
     z: Vec<f64>,
     u: Vec<f64>,
-    pictures: BinaryImages,
+    images: BinaryImages,
     /// The loss is the sum of the Gaussians' entries with these weights.
     weights: Vec<f64>,
 }
@@ -18,44 +21,43 @@ struct Case {
 impl Case {
     fn new() -> Self {
         let sizes = Sizes {
-            slopes: false,
-            drift: crate::lce::Drift::None,
-            convolution: None,
-            squares: None,
+            jacobian_heads: false,
+            passive_dynamics: PassiveDynamics::None,
+            images: ImageNetworks::Dense,
             pixels: 17,
             latent: 2,
             action: 3,
             encoder: [1, 1],
             decoder: [1, 1],
             dynamics: [1, 1],
-            backward: [3, 4, 5, 6],
+            backward: BackwardSizes { z: 3, u: 4, x: 5, joint: 6 },
         };
         let mut rng = crate::num::rng::Rng::seed_from_u64(1);
         let mut layout = Layout::default();
         let net = Backward::new(&mut layout, &sizes);
         let frames: Vec<u8> =
             (0..SAMPLES * sizes.pixels).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
-        let mut pictures = BinaryImages::new(&frames[..sizes.pixels]);
-        pictures.extend(&frames);
+        let mut images = BinaryImages::new(&frames[..sizes.pixels]);
+        images.extend(&frames);
         let arena = layout.initialize(&mut rng);
         let mut random = |count: usize| (0..count).map(|_| f64::from(sampling::uniform(&mut rng, -1.0, 1.0))).collect();
         let (z, u, weights) = (random(2 * SAMPLES), random(3 * SAMPLES), random(4 * SAMPLES));
-        Self { net, arena, z, u, pictures, weights }
+        Self { net, arena, z, u, images, weights }
     }
 
     fn which() -> Vec<u32> {
         (0..SAMPLES as u32).rev().collect()
     }
 
-    fn forward(&self, arena: &[f64], z: &[f64], pass: &mut BackwardMut<'_, f64>) -> f64 {
-        let mut base = vec![0.0; self.net.x.n_out];
-        self.net.base(arena, &self.pictures, &mut base);
-        self.net.forward(arena, (z, &self.u), (&self.pictures, &base, &Self::which()), pass);
-        pass.head.data.iter().zip(&self.weights).map(|(g, w)| g * w).sum()
+    fn forward(&self, arena: &[f64], z: &[f64], pass: &mut BackwardPass<f64>) -> f64 {
+        pass.pack(arena, &self.images);
+        let mut columns = pass.view(SAMPLES);
+        columns.forward(arena, (z, &self.u), (&self.images, &Self::which()));
+        columns.head.data.iter().zip(&self.weights).map(|(g, w)| g * w).sum()
     }
 
     fn value(&self, arena: &[f64], z: &[f64]) -> f64 {
-        self.forward(arena, z, &mut BackwardPass::new(&self.net, SAMPLES).view(SAMPLES))
+        self.forward(arena, z, &mut BackwardPass::new(&self.net, SAMPLES))
     }
 }
 
@@ -63,15 +65,15 @@ impl Case {
 fn gradients_equal_finite_differences() {
     let case = Case::new();
     let mut pass = BackwardPass::new(&case.net, SAMPLES);
-    let mut pass = pass.view(SAMPLES);
     case.forward(&case.arena, &case.z, &mut pass);
+    let mut columns = pass.view(SAMPLES);
     for i in 0..SAMPLES {
-        pass.gaussian_and_gradient(i).1.copy_from_slice(&case.weights[4 * i..4 * i + 4]);
+        columns.gaussian_and_gradient(i).1.copy_from_slice(&case.weights[4 * i..4 * i + 4]);
     }
     let before = 0.25;
     let (mut gradient, mut d_z) = (vec![7.0; case.arena.len()], vec![before; case.z.len()]);
-    case.net.backward(&case.arena, &mut pass, &mut d_z);
-    case.net.gradient(1, &mut gradient, (&case.z, &case.u), (&case.pictures, &Case::which()), &pass);
+    columns.backward(&case.arena, &mut d_z);
+    pass.gradient(1, &mut gradient, (&case.z, &case.u), (&case.images, &Case::which()), SAMPLES);
     let near = |what: &str, at: usize, slope: f64, gradient: f64| {
         assert!((slope - gradient).abs() < 1e-7, "{what} {at}: the gradient says {gradient}, differences say {slope}");
     };
@@ -90,7 +92,7 @@ fn gradients_equal_finite_differences() {
             z[i] += step;
             case.value(&case.arena, &z)
         });
-        // The gradient is added to what is there.
+        // The gradient is added to the value from before.
         near("z", i, (above - below) / (2.0 * h), d_z - before);
     }
 }

@@ -5,7 +5,7 @@ use crate::{
     artifact::{TrainedModel, Transitions},
     env::EnvName,
     lce::{
-        LceModel, Sizes,
+        BackwardSizes, ImageNetworks, LceModel, Sizes,
         model::background,
         objective::{Terms, Weights},
         refit::refit,
@@ -55,7 +55,7 @@ impl Lesson<'_> {
     /// Trains the model of the round before, without a warm-up.
     pub(super) fn go_on(&mut self, warm: TrainedModel, cx: &mut StageCx<'_>) -> anyhow::Result<TrainedModel> {
         anyhow::ensure!(
-            warm.model.nets.slopes.is_some() == (self.params.slopes == Slopes::Amortized),
+            warm.model.sizes.jacobian_heads == (self.params.slopes == Slopes::Amortized),
             "`slopes` differs from what the model of `warm_start` was trained with"
         );
         let course = Course { restart: 0, epochs: self.params.epochs, warm_up_epochs: 0, ramp_epochs: 0 };
@@ -76,12 +76,12 @@ impl Lesson<'_> {
         cx: &mut StageCx<'_>,
     ) -> anyhow::Result<TrainedModel> {
         let (params, transitions) = (self.params, self.transitions);
-        start.set_drift(params.drift);
+        start.set_passive_dynamics(params.drift);
         let data = transitions.data(&start.model);
         let learning_rate = if course.warm_up_epochs > 0 { params.warm_up_learning_rate } else { params.learning_rate };
         let settings = AdamSettings { learning_rate, weight_decay: params.weight_decay };
         let mut trainer = Trainer::new(start.model, start.adam, settings);
-        if trainer.model.sizes.squares.is_some() {
+        if trainer.model.sizes.patches().is_some() {
             trainer.set_dropout(params.input_dropout);
         }
         let probe = cx.map_probe();
@@ -122,12 +122,12 @@ impl Lesson<'_> {
             cx.tick(self.epoch, epochs, &format!("decoding {loss:.1} nats"))?;
         }
         if params.refit_steps > 0 && params.slopes == Slopes::Exact {
-            let codes = trainer.model.encode(&data.pictures);
+            let codes = trainer.model.encode(&data.images);
             let rng = &mut cx.rng(("refit", course.restart));
             let (steps, learning_rate) = (params.refit_steps, params.warm_up_learning_rate);
             refit(&mut trainer.model, &codes, &data.actions, steps, learning_rate, rng);
         }
-        Ok(TrainedModel { model: trainer.model, adam: trainer.adam, doubted_goals: Vec::new() })
+        Ok(TrainedModel { model: trainer.model, adam: trainer.adam, suspect_goals: Vec::new() })
     }
 }
 
@@ -140,23 +140,22 @@ fn fresh(params: &Params, transitions: &Transitions, env: EnvName, rng: &mut Rng
         // Fewer links have fewer torques.
         EnvName::ThreePole => Sizes { action: transitions.action_dim, ..Sizes::three_pole() },
     };
-    let mut sizes = Sizes { slopes: params.slopes == Slopes::Amortized, ..sizes };
+    let mut sizes = Sizes { jacobian_heads: params.slopes == Slopes::Amortized, ..sizes };
     if params.networks == Networks::PooledPatches {
         let ((rows, columns), side) = (transitions.picture, params.square as usize);
         anyhow::ensure!(
             rows % side == 0 && columns % side == 0,
             "pictures of {rows} x {columns} pixels cannot be cut into squares of {side}: change `square`"
         );
-        let squares = PooledPatches { columns, side };
-        let (hidden, backward) = ([128; 2], [10, 10, 50, 100]);
-        sizes =
-            Sizes { convolution: None, squares: Some(squares), encoder: hidden, decoder: hidden, backward, ..sizes };
+        let images = ImageNetworks::Patches(PooledPatches { columns, side });
+        let (hidden, backward) = ([128; 2], BackwardSizes { z: 10, u: 10, x: 50, joint: 100 });
+        sizes = Sizes { images, encoder: hidden, decoder: hidden, backward, ..sizes };
     }
     anyhow::ensure!(!transitions.is_empty(), "there are no transitions to learn from");
     let background = background(&transitions.frames(), transitions.pixels());
     let model = LceModel::new(sizes, background, rng);
     let adam = Adam::new(model.arena.len());
-    Ok(TrainedModel { model, adam, doubted_goals: Vec::new() })
+    Ok(TrainedModel { model, adam, suspect_goals: Vec::new() })
 }
 
 fn shuffled(count: usize, rng: &mut Rng) -> Vec<u32> {

@@ -7,7 +7,7 @@ use crate::{
     control::guidance::Guidance,
     env::EnvName,
     lce::{
-        Drift,
+        PassiveDynamics,
         objective::{Regularizer, Weights},
         trainer::Objective,
         warm_up::WarmUp,
@@ -94,7 +94,7 @@ pub(in crate::stage) struct Params {
     /// Constants of the warm-up.
     pub(super) warm_up: WarmUp,
     /// How codes move by themselves, for the anchor of warm-up and loss.
-    pub(super) drift: Drift,
+    pub(super) drift: PassiveDynamics,
     /// Weights of the terms of the loss.
     pub(super) lambda: Lambda,
     /// Weights of the transitions in `value_guided`.
@@ -147,7 +147,7 @@ impl Default for Params {
             ramp_epochs: 50,
             ramp_from: 0.02,
             warm_up: WarmUp::default(),
-            drift: Drift::None,
+            drift: PassiveDynamics::None,
             lambda: Lambda::default(),
             guidance: Guidance::default(),
             curvature_sigma: 0.1,
@@ -181,8 +181,8 @@ impl stage::Params for Params {
             params.guidance = Guidance { bound: UNBOUNDED, normalize: false, ..params.guidance };
         } else if of.task.env != EnvName::Planar {
             // Poles swing by themselves, and nothing blocks them: the anchor has no outliers.
-            params.drift = Drift::Quadratic;
-            params.warm_up = WarmUp { scale: 2.0, anchor: 100.0, outlier: 1000.0, ..params.warm_up };
+            params.drift = PassiveDynamics::Quadratic;
+            params.warm_up = WarmUp { scale: 2.0, anchor: 100.0, huber_delta: 1000.0, ..params.warm_up };
             params.lambda.anchor = 10.0;
             if of.task.env != EnvName::SwingUp {
                 // A thousand random transitions share no pictures here: whoever sees every pixel, or learns geometry
@@ -235,7 +235,7 @@ impl stage::Params for Params {
             ("curvature_sigma", self.curvature_sigma),
             ("warm_up.sigma", self.warm_up.sigma),
             ("warm_up.scale", self.warm_up.scale),
-            ("warm_up.outlier", self.warm_up.outlier),
+            ("warm_up.outlier", self.warm_up.huber_delta),
         ] {
             above_zero(&mut refusals, path, value);
         }

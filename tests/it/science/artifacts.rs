@@ -9,7 +9,7 @@ use carl_pipe::{
     },
     control::{Agent, Ilqr, agent::Whitening},
     env::{Environment as _, Planar},
-    lce::{Drift, LceModel, Sizes},
+    lce::{BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes},
     nn::adam::Adam,
     num::{rng::Rng, stats::Summary},
 };
@@ -43,26 +43,25 @@ fn transitions() -> Transitions {
 
 fn model() -> TrainedModel {
     let sizes = Sizes {
-        slopes: true,
-        drift: Drift::None,
-        convolution: None,
-        squares: None,
+        jacobian_heads: true,
+        passive_dynamics: PassiveDynamics::None,
+        images: ImageNetworks::Dense,
         pixels: 6,
         latent: 2,
         action: 1,
         encoder: [3, 4],
         decoder: [4, 3],
         dynamics: [3, 3],
-        backward: [1, 2, 3, 4],
+        backward: BackwardSizes { z: 1, u: 2, x: 3, joint: 4 },
     };
     let mut rng = Rng::seed_from_u64(1);
     let model = LceModel::new(sizes, vec![0, 1, 1, 0, 0, 0], &mut rng);
     let [m, v] = [(); 2].map(|()| model.nets.layout.initialize(&mut rng));
-    TrainedModel { model, adam: Adam { m, v, steps: u64::MAX }, doubted_goals: vec![0, 2] }
+    TrainedModel { model, adam: Adam { m, v, steps: u64::MAX }, suspect_goals: vec![0, 2] }
 }
 
 fn agent() -> Agent {
-    let whitening = Whitening { mean: vec![0.25, -1.5], inverse: vec![f32::MIN_POSITIVE, 1e30] };
+    let whitening = Some(Whitening { mean: vec![0.25, -1.5], inverse: vec![f32::MIN_POSITIVE, 1e30] });
     let mut agent = Agent::new(2, 2, whitening, -0.3, &mut Rng::seed_from_u64(2));
     agent.critics[1].adam.steps = 7;
     agent.actor.adam.m[3] = -0.0;
@@ -136,7 +135,7 @@ fn values_survive_the_disk() {
     survives(&transitions());
     survives(&model());
     let mut drifting = model();
-    drifting.set_drift(Drift::Quadratic);
+    drifting.set_passive_dynamics(PassiveDynamics::Quadratic);
     survives(&drifting);
     survives(&agent());
     survives(&evaluation());

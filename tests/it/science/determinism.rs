@@ -7,11 +7,10 @@ use crate::support::models::{convolutional_model_and_data, model_and_data};
 use carl_pipe::{
     control::{
         Agent,
-        agent::Whitening,
         sac::{Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
     },
     lce::{
-        Drift, LceModel,
+        LceModel, PassiveDynamics,
         objective::Weights,
         trainer::{Data, Objective, Trainer},
         warm_up::WarmUp,
@@ -38,7 +37,7 @@ fn bits(values: &[f32]) -> Vec<u32> {
 #[test]
 fn threads_change_no_bit_of_the_representation() {
     let (mut drifting, of_drifting) = model_and_data(128);
-    drifting.set_drift(Drift::Quadratic);
+    drifting.set_passive_dynamics(PassiveDynamics::Quadratic);
     for (model, data) in [model_and_data(128), (drifting, of_drifting), convolutional_model_and_data(128)] {
         threads_change_no_bit_of(&model, &data);
     }
@@ -67,7 +66,7 @@ fn threads_change_no_bit_of(model: &LceModel, data: &Data) {
         guidance: Some(&guidance),
         regularizer: Some(&pull),
     };
-    let warm_up = WarmUp { sigma: 0.3, scale: 1.0, anchor: 30.0, outlier: 3.0, shrink: 0.01 };
+    let warm_up = WarmUp { sigma: 0.3, scale: 1.0, anchor: 30.0, huber_delta: 3.0, shrink: 0.01 };
     let settings = AdamSettings { learning_rate: 5e-4, weight_decay: 1e-3 };
     // A whole batch, one that no number of threads divides, and a single sample.
     let batches: [Vec<u32>; 3] = [(0..128).collect(), (0..61).rev().collect(), vec![5]];
@@ -96,8 +95,8 @@ fn sac() -> Sac {
         discount: 0.99,
         rollout: 5,
         bootstrap: true,
-        target_rate: 0.005,
-        acting_rate: 0.005,
+        tau: 0.005,
+        policy_ema_rate: 0.005,
         actor_learning_rate: 5e-4,
         critic_learning_rate: 1e-3,
         temperature: Temperature::Tuned,
@@ -113,13 +112,13 @@ fn sac() -> Sac {
 fn threads_change_no_bit_of_the_agent() {
     let (model, data) = model_and_data(64);
     let codes = Codes {
-        data: model.encode(&data.pictures),
+        data: model.encode(&data.images),
         actions: [&data.actions[..], &data.actions].concat(),
         goals: vec![0.1, -0.2],
     };
     let train = |threads: usize| {
         on_threads(threads, || {
-            let agent = Agent::new(2, 2, Whitening::identity(2), 0.0, &mut Rng::seed_from_u64(4));
+            let agent = Agent::new(2, 2, None, 0.0, &mut Rng::seed_from_u64(4));
             let mut trainer = SacTrainer::new(agent, &model, &codes, sac());
             let mut rng = Rng::seed_from_u64(5);
             // More tuples than the buffer holds, so that it wraps.

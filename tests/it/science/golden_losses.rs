@@ -6,9 +6,9 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use carl_pipe::{
     lce::{
-        Drift, LceModel, Sizes,
-        model::Nets,
-        objective::{Batch, TERMS, Terms, Weights, Workspace},
+        BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes,
+        nets::Nets,
+        objective::{Batch, Terms, Weights, Workspace},
     },
     nn::binary_images::BinaryImages,
     num::Real,
@@ -42,25 +42,24 @@ impl Golden {
         self.shape(&format!("param.{layer}.weight"))[0]
     }
 
-    fn sizes(&self, slopes: bool) -> Sizes {
+    fn sizes(&self, jacobian_heads: bool) -> Sizes {
         let out = |layer: &str| self.outputs(layer);
         Sizes {
-            slopes,
-            drift: Drift::None,
-            convolution: None,
-            squares: None,
+            jacobian_heads,
+            passive_dynamics: PassiveDynamics::None,
+            images: ImageNetworks::Dense,
             pixels: self.shape("x")[1],
             latent: self.shape("eps_ze")[1],
             action: self.shape("u")[1],
             encoder: [out("encoder.net_hidden.0"), out("encoder.net_hidden.2")],
             decoder: [out("decoder.net_hidden.0"), out("decoder.net_hidden.2")],
             dynamics: [out("dynamics.net_hidden.0"), out("dynamics.net_hidden.2")],
-            backward: [
-                out("backward_dynamics.net_z"),
-                out("backward_dynamics.net_u"),
-                out("backward_dynamics.net_x"),
-                out("backward_dynamics.net_joint_hidden.0"),
-            ],
+            backward: BackwardSizes {
+                z: out("backward_dynamics.net_z"),
+                u: out("backward_dynamics.net_u"),
+                x: out("backward_dynamics.net_x"),
+                joint: out("backward_dynamics.net_joint_hidden.0"),
+            },
         }
     }
 
@@ -109,7 +108,7 @@ fn theirs(ours: &str) -> Vec<String> {
 
 struct Case<T> {
     model: LceModel<T>,
-    pictures: BinaryImages,
+    images: BinaryImages,
     actions: Vec<T>,
     noise: Vec<T>,
     guidance: Vec<T>,
@@ -119,10 +118,10 @@ struct Case<T> {
 }
 
 impl<T: Real> Case<T> {
-    fn new(golden: &Golden, slopes: bool) -> Self {
+    fn new(golden: &Golden, amortized: bool) -> Self {
         let real = |values: &[f64]| values.iter().map(|&v| T::of(v)).collect::<Vec<T>>();
         let bytes = |values: &[f64]| values.iter().map(|&v| v as u8).collect::<Vec<u8>>();
-        let sizes = golden.sizes(slopes);
+        let sizes = golden.sizes(amortized);
         let samples = golden.shape("x")[0];
         let (n, a) = (sizes.latent, sizes.action);
         let mut frames = Vec::new();
@@ -140,10 +139,10 @@ impl<T: Real> Case<T> {
         let nets = Nets::new(&sizes);
         let arena = real(&golden.arena(&nets, "param."));
         let model = LceModel { sizes, nets, arena, background };
-        let pictures = model.pictures(&frames);
+        let images = model.pictures(&frames);
         Self {
             model,
-            pictures,
+            images,
             actions: real(golden.get("u")),
             noise,
             guidance: real(golden.get("w")),
@@ -153,10 +152,10 @@ impl<T: Real> Case<T> {
         }
     }
 
-    fn run(&self, weights: &Weights, guided: bool) -> (Terms, Vec<f64>, Vec<[f64; TERMS]>) {
+    fn run(&self, weights: &Weights, guided: bool) -> (Terms, Vec<f64>, Vec<Terms>) {
         let mut workspace = Workspace::new(&self.model, self.x.len());
         let batch = Batch {
-            pictures: &self.pictures,
+            images: &self.images,
             pairs: &self.pairs,
             x: &self.x,
             actions: &self.actions,
@@ -203,23 +202,23 @@ fn objectives() -> Vec<(&'static str, Weights, bool)> {
 
 fn check<T: Real>(file: &str, value_tolerance: f64, gradient_tolerance: f64) {
     let golden = Golden::open(file);
-    for slopes in [false, true] {
-        if !slopes || golden.0.contains_key("param.dynamics.net_A.weight") {
-            check_with::<T>(&golden, slopes, file, value_tolerance, gradient_tolerance);
+    for amortized in [false, true] {
+        if !amortized || golden.0.contains_key("param.dynamics.net_A.weight") {
+            check_with::<T>(&golden, amortized, file, value_tolerance, gradient_tolerance);
         }
     }
 }
 
-/// Without and with heads for the slopes of F.
-fn check_with<T: Real>(golden: &Golden, slopes: bool, file: &str, value_tolerance: f64, gradient_tolerance: f64) {
-    let case = Case::<T>::new(golden, slopes);
-    // In the amortised file the totals take the curvature from heads for the slopes.
-    let amortized = golden.0.contains_key("param.dynamics.net_A.weight");
+/// Without and with heads for the Jacobians of F.
+fn check_with<T: Real>(golden: &Golden, amortized: bool, file: &str, value_tolerance: f64, gradient_tolerance: f64) {
+    let case = Case::<T>::new(golden, amortized);
+    // In the amortized file the totals take the curvature from heads for the Jacobians.
+    let amortized_file = golden.0.contains_key("param.dynamics.net_A.weight");
     for (prefix, weights, guided) in objectives() {
-        if amortized && !slopes && weights.curvature != 0.0 && prefix.starts_with("grad.") {
+        if amortized_file && !amortized && weights.curvature != 0.0 && prefix.starts_with("grad.") {
             continue;
         }
-        let prefix = if slopes { prefix.replace("cur_jvp_ze", "cur_ampaper_ze") } else { prefix.to_owned() };
+        let prefix = if amortized { prefix.replace("cur_jvp_ze", "cur_ampaper_ze") } else { prefix.to_owned() };
         let (terms, gradient, _) = case.run(&weights, guided);
         let want = golden.arena(&case.model.nets, &prefix);
         let largest = want.iter().fold(0.0_f64, |m, w| m.max(w.abs()));
@@ -234,14 +233,23 @@ fn check_with<T: Real>(golden: &Golden, slopes: bool, file: &str, value_toleranc
         }
     }
     let (_, _, samples) = case.run(&objectives()[0].1, false);
-    let curvature = if slopes { "cur_ampaper_ze" } else { "cur_jvp_ze" };
-    let names = ["recon_next", "kl_back", "ent_next", "logp_next", curvature, "recon_ze", "kl_prior", "determ"];
-    for (term, name) in names.into_iter().enumerate() {
+    let curvature = if amortized { "cur_ampaper_ze" } else { "cur_jvp_ze" };
+    let terms: [(&str, fn(&Terms) -> f64); 8] = [
+        ("recon_next", |terms| terms.reconstruction),
+        ("kl_back", |terms| terms.kl_backward),
+        ("ent_next", |terms| terms.entropy),
+        ("logp_next", |terms| terms.log_density),
+        (curvature, |terms| terms.curvature),
+        ("recon_ze", |terms| terms.encode_decode),
+        ("kl_prior", |terms| terms.prior),
+        ("determ", |terms| terms.deterministic),
+    ];
+    for (name, term) in terms {
         let want = golden.get(&format!("term.{name}"));
         let largest = want.iter().fold(0.0_f64, |m, w| m.max(w.abs()));
         for (i, (sample, want)) in samples.iter().zip(want).enumerate() {
-            let error = (sample[term] - want).abs() / largest;
-            assert!(error <= value_tolerance, "{file}: {name} of sample {i}: {} is not {want}", sample[term]);
+            let error = (term(sample) - want).abs() / largest;
+            assert!(error <= value_tolerance, "{file}: {name} of sample {i}: {} is not {want}", term(sample));
         }
     }
 }

@@ -4,10 +4,10 @@
 //! kink of a ReLU, and seeds are fixed, so the checks do not depend on luck.
 
 use carl_pipe::{
-    control::{Agent, agent::Whitening, distill},
+    control::{Agent, distill},
     lce::{
-        Drift, LceModel, Sizes,
-        objective::{Batch, Regularizer, TERMS, Terms, Weights, Workspace, noise_width},
+        BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes,
+        objective::{Batch, Noise, Regularizer, Terms, Weights, Workspace},
         warm_up::{WarmUp, WarmUpBatch, WarmUpWorkspace},
     },
     nn::{
@@ -237,53 +237,52 @@ const SAMPLES: usize = 5;
 
 fn case(latent: usize, action: usize) -> Case {
     case_of(Sizes {
-        slopes: false,
-        drift: Drift::None,
+        jacobian_heads: false,
+        passive_dynamics: PassiveDynamics::None,
         pixels: 23,
         latent,
         action,
-        convolution: None,
-        squares: None,
+        images: ImageNetworks::Dense,
         encoder: [7, 6],
         decoder: [5, 7],
         dynamics: [6, 5],
-        backward: [3, 4, 5, 6],
+        backward: BackwardSizes { z: 3, u: 4, x: 5, joint: 6 },
     })
 }
 
 /// Two frames of 16 rows and 24 columns: 2x3 pixels where the picture is smallest, of 2 and of 3 channels.
 fn convolutional_case() -> Case {
     case_of(Sizes {
-        slopes: false,
-        drift: Drift::None,
+        jacobian_heads: false,
+        passive_dynamics: PassiveDynamics::None,
         pixels: 2 * 16 * 24,
         latent: 3,
         action: 2,
-        convolution: Some([2, 16, 24]),
-        squares: None,
+        images: ImageNetworks::Convolutional { frames: 2, rows: 16, columns: 24 },
         encoder: [2 * 6, 7],
         decoder: [6, 3 * 6],
         dynamics: [6, 5],
-        backward: [3, 4, 5, 6],
+        backward: BackwardSizes { z: 3, u: 4, x: 5, joint: 6 },
     })
 }
 
 /// Six squares of 2x2 pixels.
 fn squares_case() -> Case {
     let Case { model, .. } = case(2, 1);
-    case_of(Sizes { pixels: 4 * 6, squares: Some(PooledPatches { columns: 6, side: 2 }), ..model.sizes })
+    let images = ImageNetworks::Patches(PooledPatches { columns: 6, side: 2 });
+    case_of(Sizes { pixels: 4 * 6, images, ..model.sizes })
 }
 
 /// With heads for F's slopes.
 fn amortized_case() -> Case {
     let Case { model, .. } = case(2, 1);
-    case_of(Sizes { slopes: true, ..model.sizes })
+    case_of(Sizes { jacobian_heads: true, ..model.sizes })
 }
 
 /// Three coordinates that move by themselves as well.
 fn drifting_case() -> Case {
     let Case { model, .. } = case(3, 1);
-    let mut case = case_of(Sizes { drift: Drift::Quadratic, ..model.sizes });
+    let mut case = case_of(Sizes { passive_dynamics: PassiveDynamics::Quadratic, ..model.sizes });
     // A drift begins at zero, where many slopes are zero too.
     let (name, layer) = case.model.nets.layout.layers.last().expect("layers");
     assert_eq!(name, "drift");
@@ -304,7 +303,7 @@ fn case_of(sizes: Sizes) -> Case {
     model.arena.iter_mut().for_each(|w| *w *= 1.8);
     let pictures = model.pictures(&frames);
     let pairs: Vec<u32> = (0..2 * SAMPLES as u32).rev().collect();
-    let mut noise = vec![0.0; SAMPLES * noise_width(latent, action)];
+    let mut noise = vec![0.0; SAMPLES * Noise::<f64>::width(latent, action)];
     sampling::fill_normal(&mut rng, &mut noise);
     Case {
         x: pairs.iter().step_by(2).copied().collect(),
@@ -312,7 +311,7 @@ fn case_of(sizes: Sizes) -> Case {
         actions: random(&mut rng, SAMPLES * action),
         noise,
         guidance: random(&mut rng, SAMPLES).iter().map(|w| 1.5 + w).collect(),
-        each: if model.sizes.convolution.is_some() { 4 } else { 12 },
+        each: if matches!(model.sizes.images, ImageNetworks::Convolutional { .. }) { 4 } else { 12 },
         model,
         pictures,
     }
@@ -332,20 +331,15 @@ fn some_of(layers: &[(String, Linear)], each: usize) -> Vec<(String, Vec<usize>)
 
 #[test]
 fn the_gradient_of_the_whole_warm_up_equals_finite_differences() {
-    let settings = WarmUp { sigma: 0.4, scale: 0.8, anchor: 3.0, outlier: 1.5, shrink: 0.05 };
+    let settings = WarmUp { sigma: 0.4, scale: 0.8, anchor: 3.0, huber_delta: 1.5, shrink: 0.05 };
     for case in [case(2, 2), case(3, 1), amortized_case(), drifting_case(), squares_case(), convolutional_case()] {
         let latent = case.model.sizes.latent;
         let run = |arena: &[f64]| {
             let model = LceModel { arena: arena.to_vec(), ..case.model.clone() };
             let mut workspace = WarmUpWorkspace::new(&model, SAMPLES);
             let noise = &case.noise[..SAMPLES * 2 * latent];
-            let batch = WarmUpBatch {
-                pictures: &case.pictures,
-                pairs: &case.pairs,
-                actions: &case.actions,
-                noise,
-                decode: true,
-            };
+            let batch =
+                WarmUpBatch { images: &case.pictures, pairs: &case.pairs, actions: &case.actions, noise, decode: true };
             let terms = workspace.step(1, &model, &settings, &batch);
             // What the terms leave out: the pull of codes towards zero and of the encoder's noise towards sigma.
             let codes = model.encode(&case.pictures);
@@ -383,7 +377,7 @@ fn objective(case: &Case, arena: &[f64], weights: &Weights, guided: bool) -> (f6
     let model = LceModel { arena: arena.to_vec(), ..case.model.clone() };
     let mut workspace = Workspace::new(&model, SAMPLES);
     let batch = Batch {
-        pictures: &case.pictures,
+        images: &case.pictures,
         pairs: &case.pairs,
         x: &case.x,
         actions: &case.actions,
@@ -396,8 +390,7 @@ fn objective(case: &Case, arena: &[f64], weights: &Weights, guided: bool) -> (f6
     let terms = workspace.step(1, &model, weights, &batch);
     // Guidance weighs L_p and L_c of every sample, and nothing else.
     let total = (0..SAMPLES).map(|i| {
-        let sample: [f64; TERMS] = workspace.sample_terms(i);
-        let terms = Terms::from_array(sample);
+        let terms = workspace.sample_terms(i);
         let guided_part =
             Weights { reconstruction: weights.reconstruction, consistency: weights.consistency, ..Weights::default() };
         let rest = Weights { reconstruction: 0.0, consistency: 0.0, ..*weights };
@@ -520,11 +513,11 @@ fn gradients_of_terms_add_up() {
 fn the_gradient_of_distillation_equals_finite_differences() {
     let mut rng = Rng::seed_from_u64(8);
     let samples = 16;
-    let new = |rng: &mut Rng| Agent::new(2, 2, Whitening::identity(2), 0.0, rng);
+    let new = |rng: &mut Rng| Agent::new(2, 2, None, 0.0, rng);
     let (teacher, mut student) = (new(&mut rng), new(&mut rng));
     let inputs: Vec<f32> = random(&mut rng, 4 * samples).iter().map(|&x| x as f32).collect();
     let targets = teacher.gaussians(&teacher.actor.arena, &inputs);
-    let mut pass = Pass::new(&student.nets.actor.1, samples, 1);
+    let mut pass = Pass::new(&student.nets.actor.mlp, samples, 1);
     let mut gradient = vec![0.0; student.actor.arena.len()];
     let mut adam = Adam::new(gradient.len());
     let mut kl = |arena: &[f32], rate: f64, gradient: &mut [f32]| {
@@ -533,7 +526,7 @@ fn the_gradient_of_distillation_equals_finite_differences() {
         (kl, student.actor.arena.clone())
     };
     let start = new(&mut rng).actor.arena;
-    let layers = teacher.nets.actor.0.layers.clone();
+    let layers = teacher.nets.actor.layout.layers.clone();
     let value = kl(&start, 0.0, &mut gradient).0;
     let whole = (0, start.len());
     for (at, len) in layers.iter().map(|(_, layer)| (layer.at, layer.len())).chain([whole]) {

@@ -1,4 +1,4 @@
-//! What follows where detectors find fault: training begins again, and episodes look around.
+//! What failed map checks lead to: training starts again, and episodes explore.
 
 use crate::support::stages;
 use std::{collections::BTreeMap, sync::Mutex};
@@ -97,20 +97,20 @@ fn a_collapsed_map_of_the_round_before_is_given_up() {
     let spread = [&warm, &ear].map(|ear| ear.metric_of("code_spread"));
     assert!(spread[1] > 20.0 * spread[0], "{spread:?}");
     assert!(ear.heard("begins again") && !ear.heard("stays"));
-    let doubted = |files: &Files| TrainedModel::load(files).unwrap().doubted_goals;
-    assert_eq!(doubted(&files).is_empty(), ear.metric_of("goal_rank") <= 0.995, "{:?}", doubted(&files));
-    assert!(doubted(&bad).is_empty(), "nobody has been near a goal in the first round");
+    let suspect = |files: &Files| TrainedModel::load(files).unwrap().suspect_goals;
+    assert_eq!(suspect(&files).is_empty(), ear.metric_of("goal_rank") <= 0.995, "{:?}", suspect(&files));
+    assert!(suspect(&bad).is_empty(), "no goal is suspect in the first round");
     let (again, _) = train(given(1), inputs, 1);
     assert!(files == again, "another number of threads, other bits");
 }
 
 #[test]
-fn episodes_to_a_doubted_goal_end_with_random_actions() {
+fn episodes_to_a_suspect_goal_end_with_random_actions() {
     let data = data();
     let (model, _) = train(hardly_trained(0), &[("transitions", &[&data])], 2);
     let agent = stages::run("train_sac", json!({ "steps": 3 }), &[("transitions", &[&data]), ("model", &[&model])]);
     let doubting = |goals: &[usize]| {
-        let model = TrainedModel { doubted_goals: goals.to_vec(), ..TrainedModel::load(&model).unwrap() };
+        let model = TrainedModel { suspect_goals: goals.to_vec(), ..TrainedModel::load(&model).unwrap() };
         model.save().unwrap()
     };
     let transitions = |model: &Files, given: Value| {

@@ -1,8 +1,7 @@
-//! The drift h of the anchor, E(x') ≈ E(x) + h(E(x)) + scale \[u; 0\]: how a code moves while nothing acts.
+//! The passive dynamics h of the anchor E(x') ≈ E(x) + h(E(x)) + scale \[u; 0\]: how a code moves without an action.
 //!
-//! It sees the code alone, so it cannot take the action's part. Nothing but the anchor reads it: F is what predicts.
+//! h depends on the code alone, so it cannot explain an action's effect. Only the anchor uses h; predictions come from F.
 
-use super::model::Nets;
 use crate::{
     nn::{
         columns::{Block, BlockMut, cut_together},
@@ -12,33 +11,33 @@ use crate::{
     num::Real,
 };
 
-/// The drift's shape.
+/// The form of the passive dynamics.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Drift {
-    /// Codes rest: an action is a displacement.
+pub enum PassiveDynamics {
+    /// Codes rest without an action: an action displaces the code.
     #[default]
     None,
-    /// Quadratic in z, learned beside the model: velocity and gravity.
+    /// A quadratic function of z, learned with the model: velocities and gravity move the code.
     Quadratic,
 }
 
-impl Drift {
-    /// Whether codes rest.
+impl PassiveDynamics {
+    /// Whether codes rest without an action.
     pub fn is_none(&self) -> bool {
         *self == Self::None
     }
 }
 
-/// h(z) = b + W m(z), where m are the monomials of degree one and two.
+/// h(z) = b + W m(z), where m(z) are the monomials of degree one and two.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Quadratic {
     layer: Linear,
 }
 
-/// Buffers of a batch; without a drift they have no width.
+/// Buffers for a batch. Without passive dynamics they are empty.
 #[derive(Debug, Clone)]
-pub(super) struct DriftPass<T> {
+pub(super) struct PassivePass<T> {
     monomials: Block<T>,
     d_monomials: Block<T>,
     h: Block<T>,
@@ -46,8 +45,9 @@ pub(super) struct DriftPass<T> {
 }
 
 cut_together! {
+    /// Some samples of a [`PassivePass`].
     #[derive(Debug)]
-    pub(super) struct DriftMut<'a, T> {
+    pub(super) struct PassiveColumns<'a, T> {
         monomials: BlockMut<'a, T>,
         d_monomials: BlockMut<'a, T>,
         h: BlockMut<'a, T>,
@@ -55,16 +55,18 @@ cut_together! {
     }
 }
 
-impl<T: Real> DriftPass<T> {
-    pub(super) fn new(nets: &Nets, samples: usize) -> Self {
-        let (n_in, n_out) = nets.drift.map_or((0, 0), |drift| (drift.layer.n_in, drift.layer.n_out));
+impl<T: Real> PassivePass<T> {
+    /// Buffers for `samples` samples.
+    pub(super) fn new(passive: Option<&Quadratic>, samples: usize) -> Self {
+        let (n_in, n_out) = passive.map_or((0, 0), |passive| (passive.layer.n_in, passive.layer.n_out));
         let [monomials, d_monomials] = [(); 2].map(|()| Block::new(n_in, samples));
         let [h, d_h] = [(); 2].map(|()| Block::new(n_out, samples));
         Self { monomials, d_monomials, h, d_h }
     }
 
-    pub(super) fn view(&mut self, samples: usize) -> DriftMut<'_, T> {
-        DriftMut {
+    /// The first `samples` samples.
+    pub(super) fn view(&mut self, samples: usize) -> PassiveColumns<'_, T> {
+        PassiveColumns {
             monomials: self.monomials.view(samples),
             d_monomials: self.d_monomials.view(samples),
             h: self.h.view(samples),
@@ -73,27 +75,27 @@ impl<T: Real> DriftPass<T> {
     }
 }
 
-impl<T> DriftMut<'_, T> {
-    /// h at a sample's code, and where its gradient goes; both empty without a drift.
+impl<T> PassiveColumns<'_, T> {
+    /// h at a sample's code, and the gradient with respect to it; both empty without passive dynamics.
     pub(super) fn sample(&mut self, sample: usize) -> (&[T], &mut [T]) {
         (self.h.sample(sample), self.d_h.sample(sample))
     }
 }
 
 impl Quadratic {
-    /// A place for the coefficients of `latent` coordinates.
+    /// Lays out the coefficients for `latent` coordinates.
     pub(super) fn new(layout: &mut Layout, latent: usize) -> Self {
         Self { layer: layout.linear("drift", latent + latent * (latent + 1) / 2, latent) }
     }
 
-    /// No drift, as it begins.
+    /// Sets h to zero, which training starts from.
     pub(super) fn reset<T: Real>(&self, arena: &mut [T]) {
         arena[self.layer.at..][..self.layer.len()].fill(T::ZERO);
     }
 
-    /// h at the means of E(·|x), the first of the four parts of every sample's codes.
+    /// Computes h at the means of E(·|x), the first of the four parts of every sample's codes.
     #[inline(always)]
-    pub(super) fn forward<T: Real>(&self, arena: &[T], codes: &[T], pass: &mut DriftMut<'_, T>) {
+    pub(super) fn forward<T: Real>(&self, arena: &[T], codes: &[T], pass: &mut PassiveColumns<'_, T>) {
         let (n, width) = (self.layer.n_out, self.layer.n_in);
         for (codes, monomials) in codes.chunks_exact(4 * n).zip(pass.monomials.data.chunks_exact_mut(width)) {
             let z = &codes[..n];
@@ -109,7 +111,13 @@ impl Quadratic {
 
     /// Adds the gradient that reaches the means of E(·|x) through h.
     #[inline(always)]
-    pub(super) fn backward<T: Real>(&self, arena: &[T], codes: &[T], pass: &mut DriftMut<'_, T>, d_codes: &mut [T]) {
+    pub(super) fn backward<T: Real>(
+        &self,
+        arena: &[T],
+        codes: &[T],
+        pass: &mut PassiveColumns<'_, T>,
+        d_codes: &mut [T],
+    ) {
         let (n, width) = (self.layer.n_out, self.layer.n_in);
         self.layer.backward(arena, pass.d_h.data, pass.d_monomials.data);
         let columns = codes.chunks_exact(4 * n).zip(d_codes.chunks_exact_mut(4 * n));
@@ -127,8 +135,8 @@ impl Quadratic {
         }
     }
 
-    /// The gradient of the coefficients.
-    pub(super) fn gradient<T: Real>(&self, gradient: &mut [T], pass: &DriftMut<'_, T>) {
+    /// Sets the gradient of the coefficients.
+    pub(super) fn gradient<T: Real>(&self, gradient: &mut [T], pass: &PassiveColumns<'_, T>) {
         self.layer.gradient(1, gradient, Accumulate::Replace, pass.monomials.data, pass.d_h.data);
     }
 }

@@ -1,0 +1,59 @@
+//! The constants of soft actor-critic.
+
+use super::reward::Reward;
+
+/// Tuples of a batch (paper, Table "Hyper parameters for the SAC controller").
+pub const BATCH: usize = 128;
+
+/// How the temperature alpha moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Temperature {
+    /// Gradient steps move the policy's entropy towards minus the number of action components.
+    Tuned,
+    /// It keeps its first value.
+    Fixed,
+    /// Every step multiplies it by 0.99995.
+    Decayed,
+}
+
+/// The actions that the critics are trained on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum CriticActions {
+    /// Uniformly random actions; the learned dynamics say where they lead.
+    Uniform,
+    /// The actions of the data.
+    Data,
+}
+
+/// Constants of the algorithm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sac {
+    /// The discount factor, gamma.
+    pub discount: f64,
+    /// Steps of the latent rollout behind a critic's target, k.
+    pub rollout: usize,
+    /// Whether a target ends with the target critics' value.
+    pub bootstrap: bool,
+    /// Share of the new critics in the target critics at every step (the paper's soft target update rate).
+    pub tau: f64,
+    /// Share of the new actor in the averaged policy at every step.
+    pub policy_ema_rate: f64,
+    /// Adam step size of the actor.
+    pub actor_learning_rate: f64,
+    /// Adam step size of the critics.
+    pub critic_learning_rate: f64,
+    /// How alpha moves.
+    pub temperature: Temperature,
+    /// Adam step size of ln alpha.
+    pub temperature_learning_rate: f64,
+    /// The reward of a step.
+    pub reward: Reward,
+    /// Share of the goals that are codes of the data; the other goals are codes of goal images.
+    pub relabel: f64,
+    /// The actions that the critics are trained on.
+    pub critic_actions: CriticActions,
+    /// Capacity of the latent replay buffer, in tuples.
+    pub buffer: usize,
+}

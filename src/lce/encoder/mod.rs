@@ -1,0 +1,100 @@
+//! The encoder E: observation -> Gaussian over z (means, then log standard deviations).
+
+mod convolutional;
+mod dense;
+
+use super::{
+    by_kind::{ByKind, either_kind},
+    sizes::{ImageNetworks, Sizes},
+};
+use crate::{
+    nn::{
+        binary_images::BinaryImages,
+        mlp::{Layout, Mlp},
+    },
+    num::Real,
+};
+
+pub use convolutional::ConvEncoder;
+use convolutional::{ConvEncoderColumns, ConvEncoderPass};
+use dense::{DenseEncoderColumns, DenseEncoderPass};
+
+/// Where the layers of E are in the arena: two hidden layers, or convolutions and one hidden layer.
+pub type Encoder = ByKind<Mlp<3>, ConvEncoder>;
+
+/// Buffers of E for a batch.
+pub(super) type EncoderPass<T> = ByKind<DenseEncoderPass<T>, ConvEncoderPass<T>>;
+
+/// Some samples of an [`EncoderPass`].
+pub(super) type EncoderColumns<'a, T> = ByKind<DenseEncoderColumns<'a, T>, ConvEncoderColumns<'a, T>>;
+
+impl Encoder {
+    /// Lays out the encoder.
+    pub(super) fn new(layout: &mut Layout, sizes: &Sizes) -> Self {
+        let codes = 2 * sizes.latent;
+        match sizes.images {
+            ImageNetworks::Dense | ImageNetworks::Patches(_) => {
+                let [first, second] = sizes.encoder;
+                Self::Dense(layout.mlp("encoder", sizes.entries(), [first, second, codes]))
+            }
+            ImageNetworks::Convolutional { frames, rows, columns } => {
+                Self::Convolutional(ConvEncoder::new(layout, frames, [rows, columns], sizes.encoder, codes))
+            }
+        }
+    }
+}
+
+impl<T: Real> EncoderPass<T> {
+    /// Buffers for `samples` samples of `each` images.
+    pub(super) fn new(encoder: &Encoder, samples: usize, each: usize) -> Self {
+        match encoder {
+            Encoder::Dense(net) => Self::Dense(DenseEncoderPass::new(net, samples, each)),
+            Encoder::Convolutional(net) => Self::Convolutional(ConvEncoderPass::new(net, samples, each)),
+        }
+    }
+
+    /// Computes what all samples of a step share; once a step, before [`EncoderPass::view`].
+    pub(super) fn pack(&mut self, arena: &[T], images: &BinaryImages) {
+        match self {
+            Self::Dense(pass) => pass.pack(arena, images),
+            Self::Convolutional(pass) => pass.pack(arena),
+        }
+    }
+
+    /// The first `samples` samples.
+    pub(super) fn view(&mut self, samples: usize) -> EncoderColumns<'_, T> {
+        match self {
+            Self::Dense(pass) => EncoderColumns::Dense(pass.view(samples)),
+            Self::Convolutional(pass) => EncoderColumns::Convolutional(pass.view(samples)),
+        }
+    }
+
+    /// Sets the gradients of all weights over the first `samples` samples, whose images are `which`.
+    pub(super) fn gradient(
+        &mut self,
+        threads: usize,
+        arena: &[T],
+        gradient: &mut [T],
+        (images, which): (&BinaryImages, &[u32]),
+        samples: usize,
+    ) {
+        either_kind!(self, pass => pass.gradient(threads, arena, gradient, (images, which), samples));
+    }
+}
+
+impl<T: Real> EncoderColumns<'_, T> {
+    /// E(·|x) for the images `which`.
+    pub(super) fn forward(&mut self, arena: &[T], (images, which): (&BinaryImages, &[u32])) {
+        either_kind!(self, columns => columns.forward(arena, (images, which)));
+    }
+
+    /// The deltas of the dense layers, from the gradient with respect to the codes.
+    pub(super) fn backward(&mut self, arena: &[T]) {
+        either_kind!(self, columns => columns.backward(arena));
+    }
+
+    /// The Gaussians over z, and the gradient with respect to them.
+    pub(super) fn codes(&mut self) -> (&mut [T], &mut [T]) {
+        either_kind!(self, columns => columns.codes())
+    }
+}

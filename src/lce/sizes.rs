@@ -1,0 +1,132 @@
+//! Widths of an LCE model's networks.
+
+use super::passive_dynamics::PassiveDynamics;
+use crate::nn::binary_images::PooledPatches;
+
+/// Channels between two convolutions (paper, "Network Architectures").
+pub(super) const CHANNELS: usize = 32;
+
+/// How encoder, decoder and backward dynamics see observations.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ImageNetworks {
+    /// Fully connected networks read and predict every pixel.
+    Dense,
+    /// Encoder and decoder are convolutional; an observation is `frames` images of `rows` x `columns` pixels.
+    Convolutional {
+        /// Images of an observation.
+        frames: usize,
+        /// Rows of an image.
+        rows: usize,
+        /// Columns of an image.
+        columns: usize,
+    },
+    /// Fully connected networks read and predict how much of each patch of pixels is lit.
+    Patches(PooledPatches),
+}
+
+/// Widths of the backward dynamics' layers (paper, "Backwards dynamical model").
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BackwardSizes {
+    /// N_z, the layer that reads z'.
+    pub z: usize,
+    /// N_u, the layer that reads the action.
+    pub u: usize,
+    /// N_x, the layer that reads the observation.
+    pub x: usize,
+    /// N_joint, the layer that reads these three.
+    pub joint: usize,
+}
+
+/// Widths of all networks (paper, "Network Architectures").
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Sizes {
+    /// Pixels of an observation x.
+    pub pixels: usize,
+    /// Dimension of the latent space.
+    pub latent: usize,
+    /// Components of an action.
+    pub action: usize,
+    /// How networks see observations.
+    pub images: ImageNetworks,
+    /// Hidden layers of the encoder. In a convolutional encoder the first is the convolutions' output.
+    pub encoder: [usize; 2],
+    /// Hidden layers of the decoder. In a convolutional decoder the last is the convolutions' input.
+    pub decoder: [usize; 2],
+    /// Hidden layers of the dynamics.
+    pub dynamics: [usize; 2],
+    /// Layers of the backward dynamics.
+    pub backward: BackwardSizes,
+    /// Whether F has heads for its own Jacobians (PCC, "amortized").
+    pub jacobian_heads: bool,
+    /// How the anchor's codes move without an action.
+    pub passive_dynamics: PassiveDynamics,
+}
+
+impl Sizes {
+    /// The paper's sizes for the planar system.
+    pub fn planar() -> Self {
+        Self {
+            pixels: 1600,
+            latent: 2,
+            action: 2,
+            images: ImageNetworks::Dense,
+            encoder: [300, 300],
+            decoder: [300, 300],
+            dynamics: [20, 20],
+            backward: BackwardSizes { z: 5, u: 5, x: 100, joint: 100 },
+            jacobian_heads: false,
+            passive_dynamics: PassiveDynamics::None,
+        }
+    }
+
+    /// The paper's sizes for the pendulum's swing-up.
+    pub fn swing_up() -> Self {
+        Self {
+            pixels: 2 * 48 * 48,
+            latent: 3,
+            action: 1,
+            images: ImageNetworks::Dense,
+            encoder: [500, 500],
+            decoder: [500, 500],
+            dynamics: [30, 30],
+            backward: BackwardSizes { z: 10, u: 10, x: 200, joint: 200 },
+            jacobian_heads: false,
+            passive_dynamics: PassiveDynamics::None,
+        }
+    }
+
+    /// The paper's sizes for balancing the cart-pole.
+    pub fn cart_pole() -> Self {
+        Self {
+            pixels: 2 * 80 * 80,
+            latent: 8,
+            action: 1,
+            images: ImageNetworks::Convolutional { frames: 2, rows: 80, columns: 80 },
+            encoder: [1000, 200],
+            decoder: [200, 1000],
+            dynamics: [40, 40],
+            backward: BackwardSizes { z: 10, u: 10, x: 300, joint: 300 },
+            jacobian_heads: false,
+            passive_dynamics: PassiveDynamics::None,
+        }
+    }
+
+    /// The paper's sizes for the three-link pendulum.
+    pub fn three_pole() -> Self {
+        let backward = BackwardSizes { z: 10, u: 10, x: 400, joint: 400 };
+        Self { action: 3, encoder: [1000, 500], backward, ..Self::cart_pole() }
+    }
+
+    /// The patches that networks read instead of pixels, if any.
+    pub fn patches(&self) -> Option<PooledPatches> {
+        match self.images {
+            ImageNetworks::Patches(patches) => Some(patches),
+            ImageNetworks::Dense | ImageNetworks::Convolutional { .. } => None,
+        }
+    }
+
+    /// Inputs of the encoder, and logits of the decoder, for one observation: its pixels, or its patches.
+    pub fn entries(&self) -> usize {
+        self.pixels / self.patches().map_or(1, PooledPatches::area)
+    }
+}
