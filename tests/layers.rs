@@ -122,7 +122,7 @@ const LEARNING: &[&str] =
 /// What moves the world, among files that learn.
 const ACTING: &[&str] = &["control/rollout.rs"];
 
-/// Stages that learn. They may ask which task it is, for widths of networks and presets.
+/// Stages that learn. Of the task they may ask the widths of networks, and lay its defaults over their presets.
 const LEARNING_STAGES: &[&str] = &[
     "stage/train_lce.rs",
     "stage/train_lce/lesson.rs",
@@ -362,12 +362,11 @@ fn training_cannot_see_states() {
             assert!(!names(&tokens, word, false), "{path} names `{word}`");
         }
         assert!(!names(&tokens, "rollout", true), "{path} names `rollout`");
-        for used in uses(&tokens).iter().filter(|used| used[0] == "env") {
-            assert_eq!(used[1], "EnvName", "{path}");
-        }
+        assert!(uses(&tokens).iter().all(|used| used[0] != "env"), "{path} uses `env`");
         for at in (0..tokens.len()).filter(|&at| is(&tokens, at, "task")) {
-            let is_name = is(&tokens, at + 1, ".") && is(&tokens, at + 2, "env");
-            assert!(is_name, "{path} takes more of the task than its name");
+            let asks_for_widths =
+                at >= 4 && tokens[at - 4..at].concat() == "network_sizes(cx." && is(&tokens, at + 1, ")");
+            assert!(asks_for_widths, "{path} takes more of the task than the widths of networks");
         }
         the_probe_only_records(path, &tokens);
     }

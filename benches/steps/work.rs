@@ -15,6 +15,7 @@ use carl_pipe::{
     },
     nn::adam::{Adam, AdamSettings},
     num::{rng::Rng, sampling},
+    stage::network_sizes,
 };
 use rand::SeedableRng as _;
 use serde_json::json;
@@ -58,13 +59,9 @@ pub(crate) fn median(values: &[f64]) -> f64 {
 }
 
 fn sizes(name: &str) -> Sizes {
-    match name {
-        "planar" => Sizes::planar(),
-        "swing_up" => Sizes::swing_up(),
-        "cart_pole" => Sizes::cart_pole(),
-        "three_pole" => Sizes::three_pole(),
-        _ => panic!("no work `{name}`; there are {}", NAMES.join(", ")),
-    }
+    let task = serde_json::from_value(json!({ "env": name }));
+    let task: Task = task.unwrap_or_else(|_| panic!("no work `{name}`; there are {}", NAMES.join(", ")));
+    network_sizes(&task)
 }
 
 /// Transitions of the task itself: x and x' in turn, and actions.

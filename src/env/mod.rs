@@ -1,12 +1,14 @@
-//! The tasks: dynamics, pictures, starts and goals. A task is one file here and its lines in `task`.
+//! The tasks: dynamics, pictures, starts, goals and defaults. A task is one file here and one line in `registry`.
 
 mod cart_pole;
 mod ceiling;
+mod defaults;
 mod drawing;
 mod ode;
 mod planar;
 mod planner;
 mod pole;
+mod registry;
 mod swing_up;
 mod task;
 mod three_pole;
@@ -15,9 +17,11 @@ use crate::num::rng::Rng;
 
 pub use cart_pole::CartPole;
 pub use ceiling::Protocol;
+pub use defaults::{BackwardSizes, DefaultsOf, NetworkSizes, Preset};
 pub use planar::Planar;
+pub use registry::{OptionValue, TaskKind, TaskOption, add_to_registry, registry, task_kind};
 pub use swing_up::SwingUp;
-pub use task::{EnvName, RefusedOption, Task};
+pub use task::{RefusedOption, Task};
 pub use three_pole::ThreePole;
 
 /// A controller that knows the true state and the goal state, and gives an action within its limits. It draws from the
@@ -48,8 +52,6 @@ pub trait Environment: Send + Sync {
     }
     /// Largest absolute value of each component of an action; its length is the number of components.
     fn action_limit(&self) -> &[f64];
-    /// Dimension of the latent space in the paper's appendix.
-    fn latent_dim(&self) -> usize;
     /// Control steps of an episode, T in the paper.
     fn horizon(&self) -> usize;
     /// The next state. `action` is clipped to its limits.

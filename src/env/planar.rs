@@ -2,7 +2,9 @@
 //!
 //! Dynamics and pictures follow the public PCC implementation to the bit; starts, goals and their radius the paper.
 
-use super::{Environment, Oracle};
+use serde_json::{Value, json};
+
+use super::{BackwardSizes, DefaultsOf, Environment, NetworkSizes, Oracle, Preset, TaskKind, TaskOption};
 use crate::num::{rng::Rng, sampling};
 
 const SIDE: usize = 40;
@@ -13,6 +15,38 @@ const MAX_STEP: f64 = 3.0;
 const OBSTACLES: [[f64; 2]; 6] = [[20.5, 5.5], [20.5, 13.5], [20.5, 27.5], [20.5, 35.5], [10.5, 20.5], [30.5, 20.5]];
 /// Half the side of the box around an obstacle's centre that stops the agent, smaller than its picture.
 const OBSTACLE_REACH: f64 = 1.5;
+
+/// The task `planar`.
+pub(super) const TASK: TaskKind = TaskKind {
+    name: "planar",
+    about: "navigation among obstacles",
+    options: &[TaskOption::NOISE],
+    open: |task| Box::new(Planar { noise: task.number("noise") }),
+    networks: NetworkSizes {
+        latent: 2,
+        is_convolutional: false,
+        encoder: [300, 300],
+        decoder: [300, 300],
+        dynamics: [20, 20],
+        backward: BackwardSizes { latent: 5, action: 5, observation: 100, joint: 100 },
+    },
+    defaults,
+};
+
+fn defaults(of: &DefaultsOf<'_>) -> Value {
+    match (of.stage, of.preset) {
+        ("train_lce", _) if of.chosen("objective") == Some("value_guided") => json!({
+            "lambda": { "prediction": 2.0, "consistency": 11.0 },
+            "guidance": { "temperature": 1.0 / 30.0 },
+        }),
+        ("control_ilqr", Preset::Recipe) => json!({ "state_cost": 10.0, "action_cost": 1.0, "plan_length": 10 }),
+        // PCC's r = 1 counts actions in units of the task. Ours are in units of the limit.
+        ("control_ilqr", Preset::Paper) => {
+            json!({ "state_cost": 10.0, "action_cost": MAX_STEP * MAX_STEP, "plan_length": 10 })
+        }
+        _ => json!({}),
+    }
+}
 
 /// The planar system. State: (row, column) in \[1.5, 38.5\]²; action: displacement, each component within ±3.
 #[derive(Debug, Clone, Copy)]
@@ -52,10 +86,6 @@ impl Environment for Planar {
 
     fn action_limit(&self) -> &[f64] {
         &[MAX_STEP, MAX_STEP]
-    }
-
-    fn latent_dim(&self) -> usize {
-        2
     }
 
     fn horizon(&self) -> usize {

@@ -5,8 +5,10 @@
 
 use std::f64::consts::PI;
 
+use serde_json::{Value, json};
+
 use super::{
-    Environment, Oracle, Start,
+    BackwardSizes, DefaultsOf, Environment, NetworkSizes, OptionValue, Oracle, Preset, Start, TaskKind, TaskOption,
     drawing::Canvas,
     ode,
     pole::{self, GRAVITY, disturbed, share, within, wrap},
@@ -19,6 +21,70 @@ const MASS: f64 = 0.1;
 const LENGTH: f64 = 0.5;
 /// Bound of the angular velocity.
 const MAX_OMEGA: f64 = 3.0 * PI;
+
+/// The task `swing_up`.
+pub(super) const TASK: TaskKind = TaskKind {
+    name: "swing_up",
+    about: "swing-up of a pendulum",
+    options: &[
+        TaskOption::NOISE,
+        // One of two pairs of step and torque under which the paper's best result can be reached.
+        TaskOption::STEP,
+        TaskOption {
+            name: "torque",
+            default: OptionValue::Number(0.65),
+            range: 0.01..=100.0,
+            unit: "N m",
+            about: "largest torque",
+        },
+    ],
+    open: |task| {
+        let [noise, step, torque] = ["noise", "step", "torque"].map(|option| task.number(option));
+        Box::new(SwingUp { noise, step, torque })
+    },
+    networks: NetworkSizes {
+        latent: 3,
+        is_convolutional: false,
+        encoder: [500, 500],
+        decoder: [500, 500],
+        dynamics: [30, 30],
+        backward: BackwardSizes { latent: 10, action: 10, observation: 200, joint: 200 },
+    },
+    defaults,
+};
+
+fn defaults(of: &DefaultsOf<'_>) -> Value {
+    match (of.stage, of.preset) {
+        ("train_lce", preset) => train_lce(of, preset),
+        // A rollout as long as a swing takes. The step size falls, since the agent forgets what it learned early otherwise.
+        ("train_sac", Preset::Recipe) => json!({ "rollout": 10, "last_pace": 0.05 }),
+        ("control_ilqr", Preset::Recipe) => json!({ "state_cost": 50.0, "action_cost": 1.0, "plan_length": 10 }),
+        // PCC's r = 1 counts actions in units of the task. Ours are in units of the limit.
+        ("control_ilqr", Preset::Paper) => {
+            let torque = of.task.number("torque");
+            json!({ "state_cost": 50.0, "action_cost": torque * torque, "plan_length": 10 })
+        }
+        _ => json!({}),
+    }
+}
+
+fn train_lce(of: &DefaultsOf<'_>, preset: Preset) -> Value {
+    let mut table = match of.chosen("objective") {
+        Some("pcc") => json!({}),
+        Some("value_guided") => json!({
+            "lambda": { "prediction": 1.0, "consistency": 7.0 },
+            "guidance": { "temperature": 1.0 / 60.0 },
+        }),
+        _ => json!({ "lambda": { "consistency": 11.0 } }),
+    };
+    if preset == Preset::Recipe {
+        // A pole moves without an action, and nothing blocks it, so the anchor meets no outliers.
+        table["drift"] = "quadratic".into();
+        table["warm_up"] = json!({ "scale": 2.0, "anchor": 100.0, "outlier": 1000.0 });
+        table["lambda"]["anchor"] = 10.0.into();
+    }
+    table
+}
 
 /// The pendulum. State: (angle, angular velocity) within ±π and ±3π; action: torque, which lowers the angle.
 #[derive(Debug, Clone, Copy)]
@@ -57,10 +123,6 @@ impl Environment for SwingUp {
 
     fn action_limit(&self) -> &[f64] {
         std::slice::from_ref(&self.torque)
-    }
-
-    fn latent_dim(&self) -> usize {
-        3
     }
 
     fn horizon(&self) -> usize {

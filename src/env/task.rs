@@ -1,91 +1,37 @@
-//! The `[task]` table of a pipeline: which environment, and the options of its dynamics, every one explicit.
+//! The `[task]` table of a pipeline: which environment, and the options of its dynamics, all of them explicit.
 //!
-//! An option that an environment does not know is refused, since it would change nothing.
+//! A table may name an option that belongs to another task. [`Task::check`] refuses it, since it would change nothing.
 
-use serde::{Deserialize, Serialize};
+use serde::{
+    Deserialize, Deserializer, Serialize, Serializer,
+    de::{DeserializeSeed, Error as _, MapAccess, Visitor},
+    ser::SerializeMap as _,
+};
 
-use super::{CartPole, Environment, Planar, SwingUp, ThreePole};
+use super::{
+    DefaultsOf, Environment, NetworkSizes,
+    registry::{OptionValue, TaskKind, TaskOption, registry, task_kind},
+};
 
 /// The `[task]` table, with the defaults of the environment written out.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(from = "Written")]
+#[derive(Debug, Clone)]
 pub struct Task {
-    /// Which environment.
-    pub env: EnvName,
-    /// Standard deviation of the process noise, in units of the state.
-    pub noise: f64,
-    /// Control step in seconds.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub step: Option<f64>,
-    /// Largest torque in newton metres.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub torque: Option<f64>,
-    /// Links of the arm.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub links: Option<usize>,
+    /// The kind of task, which the table calls `env`.
+    pub kind: &'static TaskKind,
+    /// The options of the kind in its order, and after them those that the kind does not have.
+    options: Vec<(&'static str, OptionValue)>,
 }
 
-/// The environments there are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum EnvName {
-    /// Navigation among obstacles.
-    Planar,
-    /// Swing-up of a pendulum.
-    SwingUp,
-    /// Balance of a pole on a cart.
-    CartPole,
-    /// Swing-up and balance of an arm of three links, or two.
-    ThreePole,
-}
-
-impl EnvName {
-    /// As pipelines write it.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Planar => "planar",
-            Self::SwingUp => "swing_up",
-            Self::CartPole => "cart_pole",
-            Self::ThreePole => "three_pole",
-        }
-    }
-
-    /// The options that an environment knows beside `noise`, with their defaults: control step, torque, links.
-    fn options(self) -> (Option<f64>, Option<f64>, Option<usize>) {
-        match self {
-            Self::Planar => (None, None, None),
-            // One of two readings under which the paper's best figure can be reached.
-            Self::SwingUp => (Some(0.05), Some(0.65), None),
-            // At the public implementation's 0.02 no picture shows what a force did.
-            Self::CartPole => (Some(0.05), None, None),
-            Self::ThreePole => (Some(0.05), None, Some(3)),
-        }
-    }
-}
-
-/// The table as people write it.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Written {
-    env: EnvName,
-    #[serde(default)]
-    noise: f64,
-    step: Option<f64>,
-    torque: Option<f64>,
-    links: Option<usize>,
-}
-
-impl From<Written> for Task {
-    fn from(Written { env, noise, step, torque, links }: Written) -> Self {
-        let defaults = env.options();
-        Self { env, noise, step: step.or(defaults.0), torque: torque.or(defaults.1), links: links.or(defaults.2) }
+impl PartialEq for Task {
+    fn eq(&self, other: &Self) -> bool {
+        self.name() == other.name() && self.options == other.options
     }
 }
 
 /// An option of the task that cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RefusedOption {
-    /// Its name.
+    /// The name of the option.
     pub name: &'static str,
     /// A lower-case clause such as ``must be 0 or above, but is `-1` ``.
     pub why: String,
@@ -94,40 +40,196 @@ pub struct RefusedOption {
 }
 
 impl Task {
-    /// The environment with these options, which [`Task::check`] has passed.
-    pub fn open(&self) -> Box<dyn Environment> {
-        let noise = self.noise;
-        match (self.env, self.step, self.torque, self.links) {
-            (EnvName::SwingUp, Some(step), Some(torque), _) => Box::new(SwingUp { noise, step, torque }),
-            (EnvName::CartPole, Some(step), ..) => Box::new(CartPole { noise, step }),
-            (EnvName::ThreePole, Some(step), _, Some(links)) => Box::new(ThreePole { noise, step, links }),
-            (EnvName::Planar, ..) => Box::new(Planar { noise }),
-            (env, ..) => panic!("the options of `{}` are not written out", env.word()),
-        }
+    /// The task as pipelines write it in `env`.
+    pub fn name(&self) -> &'static str {
+        self.kind.name
     }
 
-    /// Every option that is unknown to the environment or out of range.
-    pub fn check(&self) -> Vec<RefusedOption> {
-        let (step, torque, links) = self.env.options();
-        let written = [
-            ("noise", true, Some(self.noise), "0 or above", 0.0..=f64::MAX),
-            ("step", step.is_some(), self.step, "between 0.001 and 0.2", 0.001..=0.2),
-            ("torque", torque.is_some(), self.torque, "between 0.01 and 100", 0.01..=100.0),
-            ("links", links.is_some(), self.links.map(|links| links as f64), "2 or 3", 2.0..=3.0),
-        ];
-        let known: Vec<String> = written.iter().filter(|it| it.1).map(|it| format!("`{}`", it.0)).collect();
-        let refused = written.into_iter().filter_map(|(name, is_known, value, range, within)| {
-            let value = value?;
-            if !is_known {
-                let why = format!("is no option of `{}`", self.env.word());
-                let help = Some(format!("it has {}", known.join(", ")));
-                return Some(RefusedOption { name, why, help });
-            }
-            let why = format!("must be {range}, but is `{value}`");
-            (!within.contains(&value)).then_some(RefusedOption { name, why, help: None })
-        });
-        refused.collect()
+    /// The environment with these options, which [`Task::check`] has accepted.
+    pub fn open(&self) -> Box<dyn Environment> {
+        (self.kind.open)(self)
     }
+
+    /// Widths of the networks that learn this task.
+    pub fn networks(&self) -> &'static NetworkSizes {
+        &self.kind.networks
+    }
+
+    /// Parameters of a stage kind that differ from the kind's general preset, as a table that is laid over it.
+    pub fn defaults(
+        &self,
+        stage: &str,
+        preset: super::Preset,
+        given: &serde_json::Map<String, serde_json::Value>,
+    ) -> serde_json::Value {
+        (self.kind.defaults)(&DefaultsOf { task: self, stage, preset, given })
+    }
+
+    /// The value of an option that is a real number.
+    ///
+    /// # Panics
+    /// If the task has no such option.
+    pub fn number(&self, name: &str) -> f64 {
+        self.value(name).as_f64()
+    }
+
+    /// The value of an option that is a count.
+    ///
+    /// # Panics
+    /// If the task has no such option.
+    pub fn count(&self, name: &str) -> usize {
+        self.value(name).as_f64() as usize
+    }
+
+    fn value(&self, name: &str) -> OptionValue {
+        let found = self.options.iter().find(|(option, _)| *option == name);
+        found.unwrap_or_else(|| panic!("the task `{}` has no option `{name}`", self.name())).1
+    }
+
+    /// Every option that the task does not have, or whose value is out of range.
+    pub fn check(&self) -> Vec<RefusedOption> {
+        self.options.iter().filter_map(|(name, value)| self.refuse(name, value.as_f64())).collect()
+    }
+
+    fn refuse(&self, name: &'static str, value: f64) -> Option<RefusedOption> {
+        let Some(option) = self.kind.options.iter().find(|option| option.name == name) else {
+            let known: Vec<String> = self.kind.options.iter().map(|option| format!("`{}`", option.name)).collect();
+            let help = if known.is_empty() { "it has none".to_owned() } else { format!("it has {}", known.join(", ")) };
+            return Some(RefusedOption {
+                name,
+                why: format!("is no option of `{}`", self.name()),
+                help: Some(help),
+            });
+        };
+        let why = || format!("must be {}, but is `{value}`", option.range_in_words());
+        (!option.range.contains(&value)).then(|| RefusedOption { name, why: why(), help: None })
+    }
+}
+
+impl Serialize for Task {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut table = serializer.serialize_map(Some(1 + self.options.len()))?;
+        table.serialize_entry("env", self.name())?;
+        for (name, value) in &self.options {
+            table.serialize_entry(name, value)?;
+        }
+        table.end()
+    }
+}
+
+impl<'de> Deserialize<'de> for Task {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_map(TaskVisitor)
+    }
+}
+
+/// Reads the table. A mistake is reported where its key or value stands, so that messages show the place.
+struct TaskVisitor;
+
+impl<'de> Visitor<'de> for TaskVisitor {
+    type Value = Task;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("a map")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut table: A) -> Result<Task, A::Error> {
+        let (mut kind, mut given) = (None, Vec::new());
+        while let Some(key) = table.next_key_seed(KeySeed)? {
+            match key {
+                TaskKey::Env => kind = Some(table.next_value_seed(KindSeed)?),
+                TaskKey::Option(option) => given.push((option.name, table.next_value_seed(ValueSeed(option))?)),
+            }
+        }
+        let kind: &'static TaskKind = kind.ok_or_else(|| A::Error::missing_field("env"))?;
+        let mut options: Vec<_> = kind.options.iter().map(|option| (option.name, option.default)).collect();
+        for (name, value) in given {
+            match options.iter_mut().find(|(known, _)| *known == name) {
+                Some(option) => option.1 = value,
+                None => options.push((name, value)),
+            }
+        }
+        Ok(Task { kind, options })
+    }
+}
+
+/// A key of the table.
+enum TaskKey {
+    Env,
+    /// An option of some task, perhaps of another one.
+    Option(&'static TaskOption),
+}
+
+struct KeySeed;
+
+impl<'de> DeserializeSeed<'de> for KeySeed {
+    type Value = TaskKey;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<TaskKey, D::Error> {
+        deserializer.deserialize_identifier(self)
+    }
+}
+
+impl Visitor<'_> for KeySeed {
+    type Value = TaskKey;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("the name of an option")
+    }
+
+    fn visit_str<E: serde::de::Error>(self, name: &str) -> Result<TaskKey, E> {
+        if name == "env" {
+            return Ok(TaskKey::Env);
+        }
+        let options = || registry().iter().flat_map(|kind| kind.options);
+        if let Some(option) = options().find(|option| option.name == name) {
+            return Ok(TaskKey::Option(option));
+        }
+        let mut known = vec!["env"];
+        options().for_each(|option| known.extend((!known.contains(&option.name)).then_some(option.name)));
+        Err(E::custom(format_args!("unknown field `{name}`, expected one of {}", quoted(&known))))
+    }
+}
+
+struct KindSeed;
+
+impl<'de> DeserializeSeed<'de> for KindSeed {
+    type Value = &'static TaskKind;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+        deserializer.deserialize_str(self)
+    }
+}
+
+impl Visitor<'_> for KindSeed {
+    type Value = &'static TaskKind;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("the name of a task")
+    }
+
+    fn visit_str<E: serde::de::Error>(self, name: &str) -> Result<Self::Value, E> {
+        let known: Vec<&str> = registry().iter().map(|kind| kind.name).collect();
+        let unknown = || E::custom(format_args!("unknown variant `{name}`, expected one of {}", quoted(&known)));
+        task_kind(name).ok_or_else(unknown)
+    }
+}
+
+struct ValueSeed(&'static TaskOption);
+
+impl<'de> DeserializeSeed<'de> for ValueSeed {
+    type Value = OptionValue;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<OptionValue, D::Error> {
+        match self.0.default {
+            OptionValue::Number(_) => f64::deserialize(deserializer).map(OptionValue::Number),
+            OptionValue::Count(_) => u64::deserialize(deserializer).map(OptionValue::Count),
+        }
+    }
+}
+
+fn quoted(names: &[&str]) -> String {
+    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]
@@ -142,12 +244,13 @@ mod tests {
 
     #[test]
     fn defaults_are_written_out_and_planar_has_none() {
-        let explicit = |table| serde_json::to_value(task(table)).unwrap();
-        assert_eq!(explicit(json!({"env": "planar"})), json!({"env": "planar", "noise": 0.0}));
-        let swing_up = json!({"env": "swing_up", "noise": 0.0, "step": 0.05, "torque": 0.65});
+        let explicit = |table| serde_json::to_string(&task(table)).unwrap();
+        assert_eq!(explicit(json!({"env": "planar"})), r#"{"env":"planar","noise":0.0}"#);
+        let swing_up = r#"{"env":"swing_up","noise":0.0,"step":0.05,"torque":0.65}"#;
         assert_eq!(explicit(json!({"env": "swing_up"})), swing_up);
-        assert_eq!(explicit(swing_up.clone()), swing_up);
-        assert_eq!(explicit(json!({"env": "three_pole", "links": 2}))["links"], 2);
+        assert_eq!(explicit(serde_json::from_str(swing_up).unwrap()), swing_up);
+        let two_links = explicit(json!({"links": 2, "env": "three_pole"}));
+        assert_eq!(two_links, r#"{"env":"three_pole","noise":0.0,"step":0.05,"links":2}"#);
     }
 
     #[test]
@@ -169,7 +272,22 @@ mod tests {
                 "torque must be between 0.01 and 100, but is `1000000000`",
             ]
         );
-        assert_eq!(task(json!({"env": "three_pole", "links": 4})).check().len(), 1);
+        let [links] = &task(json!({"env": "three_pole", "links": 4})).check()[..] else { panic!("not one") };
+        assert_eq!(links.why, "must be 2 or 3, but is `4`");
+    }
+
+    #[test]
+    fn a_table_with_a_mistake_is_no_task() {
+        for (table, mistake) in [
+            (json!({}), "missing field `env`"),
+            (json!({"env": "planer"}), "unknown variant `planer`, expected one of `planar`, `swing_up`, `cart_pole`"),
+            (json!({"env": "planar", "nois": 1}), "unknown field `nois`, expected one of `env`, `noise`, `step`"),
+            (json!({"env": "planar", "noise": "loud"}), "invalid type: string \"loud\", expected f64"),
+            (json!({"env": "three_pole", "links": 2.5}), "invalid type: floating point `2.5`, expected u64"),
+        ] {
+            let told = serde_json::from_value::<Task>(table.clone()).unwrap_err().to_string();
+            assert!(told.starts_with(mistake), "{table}: {told}");
+        }
     }
 
     #[test]
@@ -177,7 +295,7 @@ mod tests {
         for (env, action, frames) in [("planar", 2, 1), ("swing_up", 1, 2), ("cart_pole", 1, 2), ("three_pole", 3, 2)] {
             let task = task(json!({ "env": env }));
             assert!(task.check().is_empty());
-            assert_eq!(task.env.word(), env);
+            assert_eq!(task.name(), env);
             let env = task.open();
             assert_eq!((env.action_limit().len(), env.frames()), (action, frames));
         }

@@ -5,8 +5,10 @@
 
 use std::f64::consts::PI;
 
+use serde_json::{Value, json};
+
 use super::{
-    Environment, Oracle, Start,
+    BackwardSizes, DefaultsOf, Environment, NetworkSizes, OptionValue, Oracle, Preset, Start, TaskKind, TaskOption,
     drawing::Canvas,
     ode,
     planner::{Effort, improve},
@@ -31,6 +33,76 @@ const CONE: f64 = PI / 6.0;
 const STEPS_IN_CONE: f64 = 2.5;
 /// Added to the diagonal of the inertia.
 const RIDGE: f64 = 1e-6;
+
+/// The task `three_pole`.
+pub(super) const TASK: TaskKind = TaskKind {
+    name: "three_pole",
+    about: "swing-up and balance of an arm of three links, or two",
+    options: &[
+        TaskOption::NOISE,
+        TaskOption::STEP,
+        TaskOption {
+            name: "links",
+            default: OptionValue::Count(3),
+            range: 2.0..=3.0,
+            unit: "",
+            about: "links of the arm",
+        },
+    ],
+    open: |task| {
+        Box::new(ThreePole { noise: task.number("noise"), step: task.number("step"), links: task.count("links") })
+    },
+    networks: NetworkSizes {
+        latent: 8,
+        is_convolutional: true,
+        encoder: [1000, 500],
+        decoder: [200, 1000],
+        dynamics: [40, 40],
+        backward: BackwardSizes { latent: 10, action: 10, observation: 400, joint: 400 },
+    },
+    defaults,
+};
+
+fn defaults(of: &DefaultsOf<'_>) -> Value {
+    match (of.stage, of.preset) {
+        ("train_lce", preset) => train_lce(of, preset),
+        // Three links take long to stand up. Most states of the data fall whatever is done, so critics that also learn to
+        // reach them learn little.
+        ("train_sac", Preset::Recipe) => json!({ "rollout": 16, "last_pace": 0.05, "relabel": 0.0 }),
+        // PCC's r = 1 counts actions in units of the task, and a torque of 1 is the limit here.
+        ("control_ilqr", _) => json!({ "state_cost": 50.0, "action_cost": 1.0, "plan_length": 20 }),
+        _ => json!({}),
+    }
+}
+
+fn train_lce(of: &DefaultsOf<'_>, preset: Preset) -> Value {
+    let mut table = match of.chosen("objective") {
+        Some("pcc") => json!({}),
+        Some("value_guided") => json!({
+            "lambda": { "prediction": 2.0, "consistency": 11.0 },
+            "guidance": { "temperature": 1.0 / 60.0 },
+        }),
+        _ => json!({ "lambda": { "consistency": 11.0 } }),
+    };
+    if preset == Preset::Recipe {
+        // A pole moves without an action, and nothing blocks it, so the anchor meets no outliers.
+        table["drift"] = "quadratic".into();
+        table["lambda"]["anchor"] = 10.0.into();
+        // One step shows little of an action. A map that shows more of it learns the data by heart.
+        table["warm_up"] = json!({ "scale": 0.5, "anchor": 30.0, "outlier": 1000.0 });
+        // Codes of so few pictures jitter as much as they move, so F learns the motion last.
+        table["refit_steps"] = 3000.into();
+        // A thousand random transitions share no pictures. Networks that read every pixel learn the pictures by heart,
+        // and so does a warm-up that decodes none.
+        table["anchor_epochs"] = 0.into();
+        if of.chosen("networks") != Some("paper") {
+            // A pole is few pixels wide. Squares of 8 lose its motion. Squares of 4 need dropout.
+            table["networks"] = "squares".into();
+            (table["square"], table["input_dropout"]) = (4.into(), 0.2.into());
+        }
+    }
+    table
+}
 
 /// The arm. State: (angle, angular velocity) of every joint; action: torques, which lower the angles.
 #[derive(Debug, Clone, Copy)]
@@ -189,10 +261,6 @@ impl Environment for ThreePole {
 
     fn action_limit(&self) -> &[f64] {
         &MAX_TORQUE[..self.links]
-    }
-
-    fn latent_dim(&self) -> usize {
-        8
     }
 
     fn horizon(&self) -> usize {

@@ -62,6 +62,8 @@ pub struct Sizes {
     pub passive_dynamics: PassiveDynamics,
 }
 
+/// Networks for unit tests, with the widths of the four tasks.
+#[cfg(test)]
 impl Sizes {
     /// The paper's sizes for the planar system.
     pub fn planar() -> Self {
@@ -116,7 +118,9 @@ impl Sizes {
         let backward = BackwardSizes { z: 10, u: 10, x: 400, joint: 400 };
         Self { action: 3, encoder: [1000, 500], backward, ..Self::cart_pole() }
     }
+}
 
+impl Sizes {
     /// The patches that networks read instead of pixels, if any.
     pub fn patches(&self) -> Option<PooledPatches> {
         match self.images {

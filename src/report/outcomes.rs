@@ -166,7 +166,7 @@ impl Outcome {
 
     /// The task by name, with the options that differ from the task's defaults.
     pub fn task_name(&self) -> String {
-        let env = self.task.env.word();
+        let env = self.task.name();
         let (own, defaults) = (json!(self.task), serde_json::from_value::<Task>(json!({ "env": env })).ok());
         let defaults = json!(defaults);
         let options = own.as_object().into_iter().flatten().filter(|(name, value)| defaults[name.as_str()] != **value);

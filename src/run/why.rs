@@ -116,7 +116,7 @@ impl History {
             }
         }
         // Of another pipeline only where it is about the same system.
-        let is_like = |record: &NodeRecord| record.task.env == node.task.env && is_it(record, true);
+        let is_like = |record: &NodeRecord| record.task.name() == node.task.name() && is_it(record, true);
         let row = |manifest: &Manifest| manifest.nodes.iter().position(is_like);
         let (at, row) = self.read.iter().enumerate().find_map(|(at, manifest)| Some((at, row(manifest)?)))?;
         Some((&self.read[at], &self.read[at].nodes[row]))

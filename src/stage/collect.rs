@@ -13,7 +13,6 @@ use crate::{
         Agent,
         rollout::{self, Acting, Episode, Standing, Step, Unstick},
     },
-    env::EnvName,
     num::sampling,
     record::{At, Level, topic},
 };
@@ -41,11 +40,9 @@ impl Default for Params {
 impl super::Params for Params {
     fn preset(of: &PresetOf<'_>) -> Self {
         let horizon = of.task.open().horizon() as u64;
-        // What has fallen, or left the picture, shows nothing more.
-        let falls = of.preset == Preset::Recipe && of.task.env == EnvName::CartPole;
         // The paper's episodes follow the policy throughout.
         let explore = if of.preset == Preset::Paper { 0.0 } else { Self::default().explore };
-        Self { episode: if falls { 60 } else { horizon }, explore, ..Self::default() }
+        of.lay_task_over(Collect::KIND, Self { episode: horizon, explore, ..Self::default() })
     }
 
     fn check(&self) -> Vec<Refusal> {

@@ -1,22 +1,11 @@
 //! iLQR, the controller of PCC, with its costs for the task. It has nothing to learn: its model comes with the evaluation.
 
-use super::{Preset, PresetOf, Refusal, Stage, StageCx, above_zero, inputs, within};
-use crate::{control::Ilqr, env::EnvName};
+use super::{PresetOf, Refusal, Stage, StageCx, above_zero, inputs, within};
+use crate::control::Ilqr;
 
 impl super::Params for Ilqr {
     fn preset(of: &PresetOf<'_>) -> Self {
-        let (state_cost, plan_length) = match of.task.env {
-            EnvName::Planar => (10.0, 10),
-            EnvName::SwingUp => (50.0, 10),
-            EnvName::CartPole => (100.0, 5),
-            EnvName::ThreePole => (50.0, 20),
-        };
-        // PCC's r = 1 counts actions in the task's units, ours are in units of their limit.
-        let action_cost = match of.preset {
-            Preset::Recipe => 1.0,
-            Preset::Paper => of.task.open().action_limit()[0] * of.task.open().action_limit()[0],
-        };
-        Self { state_cost, action_cost, plan_length, ..Self::default() }
+        of.lay_task_over(ControlIlqr::KIND, Self::default())
     }
 
     fn check(&self) -> Vec<Refusal> {

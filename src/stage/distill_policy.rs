@@ -37,10 +37,11 @@ impl Default for Params {
 
 impl super::Params for Params {
     fn preset(of: &PresetOf<'_>) -> Self {
-        match of.preset {
+        let general = match of.preset {
             Preset::Recipe => Self::default(),
             Preset::Paper => Self { relabel: 0.0, fresh: true, ..Self::default() },
-        }
+        };
+        of.lay_task_over(DistillPolicy::KIND, general)
     }
 
     fn check(&self) -> Vec<Refusal> {

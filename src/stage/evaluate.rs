@@ -45,7 +45,7 @@ impl super::Params for Params {
         // Two frames that stay the same show a pole at rest, which may be what is wanted.
         let off = of.preset == Preset::Paper || env.frames() > 1;
         let unstick = if off { Unstick::Off } else { Unstick::Random };
-        Self { radius: env.goal_radius(), unstick, ..Self::default() }
+        of.lay_task_over(Evaluate::KIND, Self { radius: env.goal_radius(), unstick, ..Self::default() })
     }
 
     fn check(&self) -> Vec<Refusal> {

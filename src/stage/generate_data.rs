@@ -42,7 +42,8 @@ impl Default for Params {
 
 impl super::Params for Params {
     fn preset(of: &PresetOf<'_>) -> Self {
-        Self { biased_share: of.task.open().biased_share(), ..Self::default() }
+        let general = Self { biased_share: of.task.open().biased_share(), ..Self::default() };
+        of.lay_task_over(GenerateData::KIND, general)
     }
 
     fn check(&self) -> Vec<Refusal> {

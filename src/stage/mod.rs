@@ -10,6 +10,7 @@ mod evaluate;
 mod export_latent_map;
 mod generate_data;
 mod inputs;
+mod networks;
 mod probe;
 mod summarize;
 mod train_lce;
@@ -24,9 +25,11 @@ use crate::{
     env::Task,
 };
 
+pub use crate::env::Preset;
 pub use cx::{Host, Interrupted, StageCx};
 pub(crate) use inputs::inputs;
 pub use inputs::{Arity, InputFiles, Inputs, Port, PortField, load_port};
+pub use networks::network_sizes;
 
 /// One kind of stage: typed parameters and inputs in, one artifact out.
 ///
@@ -108,16 +111,6 @@ pub fn at_least_one(path: &'static str, value: u64) -> Vec<Refusal> {
     if value == 0 { vec![Refusal { path, why: "must be at least 1".to_owned() }] } else { Vec::new() }
 }
 
-/// Which table of defaults fills what a file does not write.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Preset {
-    /// Our values: what was measured to work.
-    Recipe,
-    /// The paper's values, to the letter.
-    Paper,
-}
-
 /// What a preset may depend on.
 #[derive(Debug)]
 pub struct PresetOf<'a> {
@@ -127,6 +120,32 @@ pub struct PresetOf<'a> {
     pub task: &'a Task,
     /// The parameters written in the file, since `objective` decides over other defaults.
     pub given: &'a serde_json::Map<String, Value>,
+}
+
+impl PresetOf<'_> {
+    /// Lays the defaults that the task declares for the kind `stage` over the kind's general ones.
+    ///
+    /// # Panics
+    /// If the task declares a default that the kind does not accept.
+    pub fn lay_task_over<P: Params>(&self, stage: &str, general: P) -> P {
+        let mut values = serde_json::to_value(general).expect("parameters are plain data");
+        lay_over(&mut values, self.task.defaults(stage, self.preset, self.given));
+        let accepted = serde_json::from_value(values);
+        let task = self.task.name();
+        accepted.unwrap_or_else(|error| panic!("the task `{task}` declares a wrong default for `{stage}`: {error}"))
+    }
+}
+
+/// Puts the entries of a table in the place of those of another one; tables in both are merged.
+fn lay_over(below: &mut Value, above: Value) {
+    match (below, above) {
+        (Value::Object(below), Value::Object(above)) => {
+            for (name, value) in above {
+                lay_over(below.entry(name).or_insert(Value::Null), value);
+            }
+        }
+        (below, above) => *below = above,
+    }
 }
 
 /// A kind with its types erased: what the pipeline checks against and the engine runs.
@@ -212,4 +231,43 @@ pub fn registry() -> &'static [Kind] {
 /// The kind called `name`.
 pub fn kind(name: &str) -> Option<&'static Kind> {
     registry().iter().find(|kind| kind.name == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::env;
+
+    /// Whether `whole` has every entry of `part`, with a number equal to `7` where `part` has `7.0`.
+    fn contains(whole: &Value, part: &Value) -> bool {
+        match (whole, part) {
+            (Value::Object(whole), Value::Object(part)) => {
+                part.iter().all(|(name, part)| whole.get(name).is_some_and(|whole| contains(whole, part)))
+            }
+            (Value::Number(whole), Value::Number(part)) => whole.as_f64() == part.as_f64(),
+            (whole, part) => whole == part,
+        }
+    }
+
+    #[test]
+    fn every_kind_accepts_and_takes_the_defaults_of_every_task() {
+        for task_kind in env::registry() {
+            let task: Task = serde_json::from_value(json!({ "env": task_kind.name })).unwrap();
+            for kind in registry() {
+                for objective in ["carl", "pcc", "value_guided"] {
+                    for preset in [Preset::Recipe, Preset::Paper] {
+                        let given = json!({ "objective": objective });
+                        let given = given.as_object().unwrap();
+                        let params = (kind.preset)(&PresetOf { preset, task: &task, given });
+                        let declared = task.defaults(kind.name, preset, given);
+                        let place = format!("{} of {} for {objective}: {declared}", kind.name, task.name());
+                        assert!(contains(&params, &declared), "{place} in {params}");
+                        assert_eq!((kind.check)(&params).unwrap(), [], "{place}");
+                    }
+                }
+            }
+        }
+    }
 }

@@ -11,7 +11,6 @@ use crate::{
         agent::Whitening,
         sac::{Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
     },
-    env::EnvName,
     num::math,
     record::{At, topic},
 };
@@ -81,18 +80,8 @@ impl Default for Params {
 
 impl super::Params for Params {
     fn preset(of: &PresetOf<'_>) -> Self {
-        match of.preset {
-            Preset::Recipe if of.task.env == EnvName::Planar => Self::default(),
-            // As long as a swing takes, and paces that fall: what is learned early would be lost again.
-            Preset::Recipe if of.task.env == EnvName::SwingUp => {
-                Self { rollout: 10, last_pace: 0.05, ..Self::default() }
-            }
-            // Most states of the data fall whatever is done, so critics that also learn to reach them learn little. A
-            // pole falls faster than errors of F allow to look ahead; three links take longer to stand up.
-            Preset::Recipe => {
-                let rollout = if of.task.env == EnvName::CartPole { 5 } else { 16 };
-                Self { rollout, last_pace: 0.05, relabel: 0.0, ..Self::default() }
-            }
+        let general = match of.preset {
+            Preset::Recipe => Self::default(),
             Preset::Paper => Self {
                 acting_rate: 1.0,
                 temperature: Temperature::Decayed,
@@ -101,7 +90,8 @@ impl super::Params for Params {
                 whiten: false,
                 ..Self::default()
             },
-        }
+        };
+        of.lay_task_over(TrainSac::KIND, general)
     }
 
     fn check(&self) -> Vec<Refusal> {

@@ -5,6 +5,7 @@ use carl_pipe::{
     env::{Environment as _, Planar},
     lce::{BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes, model::background, trainer::Data},
     num::{rng::Rng, sampling},
+    stage::network_sizes,
 };
 use rand::SeedableRng as _;
 
@@ -29,7 +30,8 @@ fn transitions(samples: usize) -> Transitions {
 pub fn model_and_data(samples: usize) -> (LceModel, Data) {
     let transitions = transitions(samples);
     let background = background(&transitions.frames(), transitions.pixels());
-    let model = LceModel::new(Sizes::planar(), background, &mut Rng::seed_from_u64(2));
+    let planar = serde_json::from_value(serde_json::json!({ "env": "planar" })).expect("a task");
+    let model = LceModel::new(network_sizes(&planar), background, &mut Rng::seed_from_u64(2));
     let data = transitions.data(&model);
     (model, data)
 }

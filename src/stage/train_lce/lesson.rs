@@ -3,7 +3,6 @@
 use super::params::{Networks, Params, Slopes};
 use crate::{
     artifact::{TrainedModel, Transitions},
-    env::EnvName,
     lce::{
         BackwardSizes, ImageNetworks, LceModel, Sizes,
         model::background,
@@ -18,7 +17,7 @@ use crate::{
     },
     num::{rng::Rng, sampling},
     record::{At, topic},
-    stage::StageCx,
+    stage::{StageCx, network_sizes},
 };
 
 /// L_reg and its gradient of a transition's code, owned.
@@ -65,7 +64,8 @@ impl Lesson<'_> {
     /// Trains a new model; every restart has draws of its own.
     pub(super) fn begin(&mut self, restart: u64, epochs: u64, cx: &mut StageCx<'_>) -> anyhow::Result<TrainedModel> {
         let &Params { warm_up_epochs, ramp_epochs, .. } = self.params;
-        let start = fresh(self.params, self.transitions, cx.task.env, &mut cx.rng(("weights", restart)))?;
+        let sizes = network_sizes(cx.task);
+        let start = fresh(self.params, self.transitions, sizes, &mut cx.rng(("weights", restart)))?;
         self.train(start, &Course { restart, epochs, warm_up_epochs, ramp_epochs }, cx)
     }
 
@@ -131,16 +131,9 @@ impl Lesson<'_> {
     }
 }
 
-/// A model with random weights whose widths suit the task.
-fn fresh(params: &Params, transitions: &Transitions, env: EnvName, rng: &mut Rng) -> anyhow::Result<TrainedModel> {
-    let sizes = match env {
-        EnvName::Planar => Sizes::planar(),
-        EnvName::SwingUp => Sizes::swing_up(),
-        EnvName::CartPole => Sizes::cart_pole(),
-        // Fewer links have fewer torques.
-        EnvName::ThreePole => Sizes { action: transitions.action_dim, ..Sizes::three_pole() },
-    };
-    let mut sizes = Sizes { jacobian_heads: params.slopes == Slopes::Amortized, ..sizes };
+/// A model with random weights.
+fn fresh(params: &Params, transitions: &Transitions, mut sizes: Sizes, rng: &mut Rng) -> anyhow::Result<TrainedModel> {
+    sizes.jacobian_heads = params.slopes == Slopes::Amortized;
     if params.networks == Networks::PooledPatches {
         let ((rows, columns), side) = (transitions.picture, params.square as usize);
         anyhow::ensure!(

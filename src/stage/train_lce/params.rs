@@ -3,16 +3,16 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::TrainLce;
 use crate::{
     control::guidance::Guidance,
-    env::EnvName,
     lce::{
         PassiveDynamics,
         objective::{Regularizer, Weights},
         trainer::Objective,
         warm_up::WarmUp,
     },
-    stage::{self, Preset, PresetOf, Refusal, above_zero, at_least_one, within},
+    stage::{self, Stage as _, Preset, PresetOf, Refusal, above_zero, at_least_one, within},
 };
 
 /// Which loss.
@@ -165,13 +165,8 @@ impl Default for Params {
 impl stage::Params for Params {
     fn preset(of: &PresetOf<'_>) -> Self {
         let mut params = Self { objective: given(of, "objective", LossName::Carl), ..Self::default() };
-        match params.objective {
-            LossName::Pcc => params.lambda.prior = params.lambda.encode_decode,
-            LossName::Carl if matches!(of.task.env, EnvName::SwingUp | EnvName::ThreePole) => {
-                params.lambda.consistency = 11.0;
-            }
-            LossName::Carl => {}
-            LossName::ValueGuided => params.guide(of.task.env),
+        if params.objective == LossName::Pcc {
+            params.lambda.prior = params.lambda.encode_decode;
         }
         if of.preset == Preset::Paper {
             // The paper knows no warm-up, ramp, anchor nor restart, and says of L_reg only that its weight is small.
@@ -179,27 +174,8 @@ impl stage::Params for Params {
             params.restarts = 0;
             params.lambda.regularizer = if params.objective == LossName::Pcc { 0.0 } else { 0.01 };
             params.guidance = Guidance { bound: UNBOUNDED, normalize: false, ..params.guidance };
-        } else if of.task.env != EnvName::Planar {
-            // Poles swing by themselves, and nothing blocks them: the anchor has no outliers.
-            params.drift = PassiveDynamics::Quadratic;
-            params.warm_up = WarmUp { scale: 2.0, anchor: 100.0, huber_delta: 1000.0, ..params.warm_up };
-            params.lambda.anchor = 10.0;
-            if of.task.env != EnvName::SwingUp {
-                // A thousand random transitions share no pictures here: whoever sees every pixel, or learns geometry
-                // without decoding, learns them by heart.
-                params.networks = given(of, "networks", Networks::PooledPatches);
-                params.anchor_epochs = 0;
-                // An action hardly shows in one step: a map that answers it louder is learned by heart, too.
-                (params.warm_up.scale, params.warm_up.anchor) = (0.5, 30.0);
-                // Codes of so few pictures jitter as much as they move, and F learns the motion last.
-                params.refit_steps = 3000;
-                if params.networks == Networks::PooledPatches {
-                    // A pole is few pixels wide: squares of 8 lose what it does, those of 4 are more to learn by heart.
-                    (params.square, params.input_dropout) = (4, 0.2);
-                }
-            }
         }
-        params
+        of.lay_task_over(TrainLce::KIND, params)
     }
 
     fn check(&self) -> Vec<Refusal> {
@@ -261,18 +237,6 @@ fn given<'a, T: Deserialize<'a>>(of: &PresetOf<'a>, name: &str, usual: T) -> T {
 const UNBOUNDED: f64 = 80.0;
 
 impl Params {
-    /// The paper's weights of value-guided CARL for a task.
-    fn guide(&mut self, env: EnvName) {
-        let (prediction, consistency, inverse_temperature) = match env {
-            EnvName::Planar => (2.0, 11.0, 30.0),
-            EnvName::SwingUp => (1.0, 7.0, 60.0),
-            EnvName::CartPole => (1.0, 7.0, 40.0),
-            EnvName::ThreePole => (2.0, 11.0, 60.0),
-        };
-        self.lambda = Lambda { prediction, consistency, ..self.lambda.clone() };
-        self.guidance.temperature = 1.0 / inverse_temperature;
-    }
-
     /// The loss after `step` of the `ramp` steps over which consistency grows.
     pub(super) fn objective_at<'a>(
         &self,

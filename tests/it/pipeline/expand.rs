@@ -159,7 +159,7 @@ fn arguments_change_the_file_as_if_it_said_so() {
     assert_eq!(node(&graph, "represent@1").params["epochs"], 3);
     assert_eq!(node(&graph, "represent@1").params["objective"], "pcc");
     assert_eq!(node(&graph, "represent@1").params["lambda"]["consistency"], 7.0);
-    assert_eq!(node(&graph, "represent@1").task.noise, 0.5);
+    assert_eq!(node(&graph, "represent@1").task.number("noise"), 0.5);
     assert_eq!(graph.nodes.len(), 1 + 2 * 4 + 2);
 }
 
@@ -195,7 +195,7 @@ fn seeds_tasks_and_presets_can_be_axes() {
     // `represent@0` sets its epochs by `first`, so no preset reaches anything.
     assert_eq!(graph.nodes.len(), 5 * 4);
     let node = node(&graph, "represent@0[seed=4,task.noise=0.5]");
-    assert_eq!((node.stream.seed, node.task.noise), (4, 0.5));
+    assert_eq!((node.stream.seed, node.task.number("noise")), (4, 0.5));
     let point: Vec<(&str, &str)> = node.point.iter().map(|(axis, value)| (axis.as_str(), value.as_str())).collect();
     assert_eq!(point, [("seed", "4"), ("task.noise", "0.5")]);
 }
@@ -246,8 +246,8 @@ fn all_rounds_and_one_round_can_be_taken_from_outside_of_the_loop() {
 fn the_task_can_be_left_to_an_axis() {
     let text = ONLINE.replace("[task]\nenv = \"planar\"\n", "");
     let graph = graph_with(&format!("{text}{SUMMARY}"), &["rounds=1"], &["task.env=planar", "task.noise=0,1"]);
-    assert_eq!(node(&graph, "bootstrap[task.env=planar,task.noise=1]").task.noise, 1.0);
-    assert_eq!(node(&graph, "summary").task.noise, 0.0);
+    assert_eq!(node(&graph, "bootstrap[task.env=planar,task.noise=1]").task.number("noise"), 1.0);
+    assert_eq!(node(&graph, "summary").task.number("noise"), 0.0);
 }
 
 #[test]

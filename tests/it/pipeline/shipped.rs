@@ -77,7 +77,7 @@ fn every_cell_of_the_papers_table_has_a_file_with_the_papers_number_of_samples()
             let makes_data = |kind: &str| ["generate_data", "collect"].contains(&kind);
             let made = graph.nodes.iter().filter(|node| makes_data(node.kind.name));
             assert_eq!(made.map(|node| node.params["samples"].as_u64().unwrap()).sum::<u64>(), samples, "{name}");
-            assert!(graph.nodes.iter().all(|node| node.task.env.word() == task), "{name}");
+            assert!(graph.nodes.iter().all(|node| node.task.name() == task), "{name}");
             let models = || graph.nodes.iter().filter(|node| node.kind.name == "train_lce");
             let objective = match algorithm {
                 "pcc" | "value_guided" => algorithm,

@@ -43,9 +43,6 @@ impl<E: Environment> Environment for Veiled<E> {
     fn action_limit(&self) -> &[f64] {
         self.0.action_limit()
     }
-    fn latent_dim(&self) -> usize {
-        self.0.latent_dim()
-    }
     fn horizon(&self) -> usize {
         self.0.horizon()
     }

@@ -1,0 +1,33 @@
+//! Widths of the networks that learn a task.
+
+use crate::{
+    env::{NetworkSizes, Task},
+    lce::{BackwardSizes, ImageNetworks, PassiveDynamics, Sizes},
+};
+
+/// The networks that the paper's appendix gives for a task.
+pub fn network_sizes(task: &Task) -> Sizes {
+    let NetworkSizes { latent, is_convolutional, encoder, decoder, dynamics, backward } = *task.networks();
+    let env = task.open();
+    let ((rows, columns), frames) = (env.frame_size(), env.frames());
+    Sizes {
+        pixels: frames * rows * columns,
+        latent,
+        action: env.action_limit().len(),
+        images: match is_convolutional {
+            true => ImageNetworks::Convolutional { frames, rows, columns },
+            false => ImageNetworks::Dense,
+        },
+        encoder,
+        decoder,
+        dynamics,
+        backward: BackwardSizes {
+            z: backward.latent,
+            u: backward.action,
+            x: backward.observation,
+            joint: backward.joint,
+        },
+        jacobian_heads: false,
+        passive_dynamics: PassiveDynamics::None,
+    }
+}
