@@ -54,13 +54,8 @@ impl TaskOption {
     };
 
     /// The control step, from 0.05 s unless a file says otherwise.
-    pub const STEP: Self = Self {
-        name: "step",
-        default: OptionValue::Number(0.05),
-        range: 0.001..=0.2,
-        unit: "s",
-        about: "control step",
-    };
+    pub const STEP: Self =
+        Self { name: "step", default: OptionValue::Number(0.05), range: 0.001..=0.2, unit: "s", about: "control step" };
 
     /// The accepted values in words, such as `between 0.001 and 0.2`.
     pub fn range_in_words(&self) -> String {

@@ -95,11 +95,7 @@ impl Task {
         let Some(option) = self.kind.options.iter().find(|option| option.name == name) else {
             let known: Vec<String> = self.kind.options.iter().map(|option| format!("`{}`", option.name)).collect();
             let help = if known.is_empty() { "it has none".to_owned() } else { format!("it has {}", known.join(", ")) };
-            return Some(RefusedOption {
-                name,
-                why: format!("is no option of `{}`", self.name()),
-                help: Some(help),
-            });
+            return Some(RefusedOption { name, why: format!("is no option of `{}`", self.name()), help: Some(help) });
         };
         let why = || format!("must be {}, but is `{value}`", option.range_in_words());
         (!option.range.contains(&value)).then(|| RefusedOption { name, why: why(), help: None })

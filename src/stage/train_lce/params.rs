@@ -12,7 +12,7 @@ use crate::{
         trainer::Objective,
         warm_up::WarmUp,
     },
-    stage::{self, Stage as _, Preset, PresetOf, Refusal, above_zero, at_least_one, within},
+    stage::{self, Preset, PresetOf, Refusal, Stage as _, above_zero, at_least_one, within},
 };
 
 /// Which loss.
@@ -44,6 +44,7 @@ pub(in crate::stage) enum Networks {
     /// The paper's, convolutional on its larger pictures.
     Paper,
     /// Fully connected, two hidden layers of 128, on what share of each square of pixels is lit.
+    #[serde(rename = "squares")]
     PooledPatches,
 }
 
