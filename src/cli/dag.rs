@@ -5,7 +5,7 @@ use super::{
     file::{self, PipelineArgs},
     out::{self, Colour},
 };
-use crate::{env::Task, pipeline, stage::Kind};
+use crate::{diag::nearest, env::Task, pipeline, stage::Kind};
 
 /// The arguments of `dag`.
 #[derive(Debug, clap::Args)]
@@ -69,7 +69,7 @@ pub(crate) fn stages(args: &StagesArgs, kinds: &'static [Kind]) -> Result<Exit, 
 
 fn no_such_kind(name: &str, kinds: &[Kind]) -> Error {
     let failure = Error::usage(format!("there is no kind `{name}`"));
-    match file::nearest(name, kinds.iter().map(|kind| kind.name)) {
+    match nearest(name, kinds.iter().map(|kind| kind.name)) {
         Some(near) => failure.help(format!("did you mean `{near}`?")),
         None => failure.help("`carl-pipe stages` lists them"),
     }

@@ -10,6 +10,7 @@ use super::{
     out::{self, Colour},
 };
 use crate::{
+    diag::nearest,
     pipeline::{self, Graph, Overrides, Source},
     run::plan::select,
     stage::Kind,
@@ -54,15 +55,15 @@ pub(crate) fn load(
     let shown = path.display().to_string();
     let bytes = fs::read(path).map_err(|error| unreadable(path, &error))?;
     let overrides = Overrides { set: changes.set.clone(), sweep: changes.sweep.clone() };
-    let source = Source { path: &shown, bytes: &bytes };
+    let source = Source::new(shown, bytes);
     let folder = path.parent().unwrap_or(Path::new(""));
-    let read = |member: &str| {
-        let path = folder.join(member);
+    let read = |path: &str| {
+        let path = folder.join(path);
         let bytes = fs::read(&path).map_err(|error| out::tidy(&error.to_string()))?;
-        Ok((path.display().to_string(), bytes))
+        Ok(Source::new(path.display().to_string(), bytes))
     };
     match pipeline::load_with(&source, &overrides, kinds, &read) {
-        Ok(graph) => Ok(Loaded { text: String::from_utf8_lossy(&bytes).into_owned(), graph }),
+        Ok(graph) => Ok(Loaded { text: String::from_utf8_lossy(&source.bytes).into_owned(), graph }),
         Err(mistakes) => {
             if json {
                 out::line(&serde_json::json!({"version": 1, "mistakes": mistakes.to_json()}).to_string());
@@ -106,11 +107,4 @@ pub(crate) fn no_such_node(graph: &Graph, unknown: &str) -> Error {
         Some(name) => failure.help(format!("did you mean `{name}`?")),
         None => failure.help(format!("`carl-pipe dag` shows the nodes of `{}`", graph.name)),
     }
-}
-
-/// The name that is most like what was typed, if one is.
-pub(crate) fn nearest<'a>(typed: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    let scored = names.map(|name| (strsim::jaro_winkler(typed, name), name)).filter(|(score, _)| *score > 0.8);
-    // The first of equals, so that a stage comes before its nodes.
-    scored.reduce(|best, next| if next.0 > best.0 { next } else { best }).map(|(_, name)| name)
 }

@@ -5,10 +5,10 @@ use std::collections::BTreeSet;
 use super::{
     Global,
     exit::{Error, Exit},
-    file::nearest,
     out::{self, Paint},
 };
 use crate::{
+    diag::nearest,
     report::{
         outcomes::{Outcome, outcomes},
         series::pooled,

@@ -166,8 +166,6 @@ pub struct Kind {
     pub preset: fn(&PresetOf<'_>) -> Value,
     /// The JSON schema of its parameters, with their documentation.
     pub schema: fn() -> schemars::Schema,
-    /// Reads the table of a pipeline file only for its mistakes, which carry their exact place.
-    pub try_table: fn(toml::de::ValueDeserializer<'_>) -> Result<(), toml::de::Error>,
     /// Writes parameters the one way that equal values have: `7` for a float becomes `7.0`, keys take their order.
     pub canonical: fn(&Value) -> Result<Value, serde_json::Error>,
     /// Reads explicit parameters and refuses those out of range.
@@ -196,7 +194,6 @@ impl Kind {
             output: S::Output::TYPE,
             preset: |of| serde_json::to_value(S::Params::preset(of)).expect("parameters are plain data"),
             schema: || schemars::schema_for!(S::Params),
-            try_table: |table| serde::Deserialize::deserialize(table).map(|_: S::Params| ()),
             canonical: |params| serde_json::to_value(serde_json::from_value::<S::Params>(params.clone())?),
             check: |params| serde_json::from_value::<S::Params>(params.clone()).map(|params| params.check()),
             needs: |params| serde_json::from_value::<S::Params>(params.clone()).map(|params| params.needs()),

@@ -11,7 +11,7 @@ use proptest::prelude::*;
 
 /// Loads, and renders the mistakes, since spans may be wrong too.
 fn read(bytes: &[u8], set: &[&str], sweep: &[&str]) {
-    match load(&Source { path: "p.toml", bytes }, &overrides(set, sweep), kinds()) {
+    match load(&Source::new("p.toml", bytes), &overrides(set, sweep), kinds()) {
         Ok(graph) => hold_promises(&graph),
         Err(mistakes) => {
             assert!(!mistakes.list().is_empty());

@@ -8,7 +8,7 @@ use crate::support::pipeline::{ONLINE, kinds, overrides};
 use carl_pipe::pipeline::{Overrides, Source, load};
 
 fn rendered(bytes: &[u8], overrides: &Overrides) -> String {
-    match load(&Source { path: "p.toml", bytes }, overrides, kinds()) {
+    match load(&Source::new("p.toml", bytes), overrides, kinds()) {
         Ok(graph) => panic!("{} nodes and no mistake", graph.nodes.len()),
         Err(mistakes) => mistakes.render(false),
     }
@@ -306,8 +306,7 @@ fn all_mistakes_of_a_file_appear_at_once_in_their_order() {
 #[test]
 fn programs_read_line_and_column() {
     let text = ONLINE.replace("epochs = 15", "epoch = 15");
-    let mistakes =
-        load(&Source { path: "p.toml", bytes: text.as_bytes() }, &Overrides::default(), kinds()).unwrap_err();
+    let mistakes = load(&Source::new("p.toml", text), &Overrides::default(), kinds()).unwrap_err();
     assert_eq!(
         mistakes.to_json(),
         serde_json::json!([{

@@ -2,6 +2,7 @@
 
 mod any_bytes;
 mod expand;
+mod extends;
 mod mistakes;
 mod render;
 mod shipped;

@@ -4,8 +4,12 @@
 use std::{collections::BTreeMap, fs, path::Path, process::Command};
 
 use carl_pipe::{
+    digest::Digest,
     pipeline::{self, Graph, Overrides, Source},
-    run::plan::{Force, plan},
+    run::{
+        key,
+        plan::{Force, plan},
+    },
     stage,
     store::Store,
 };
@@ -26,10 +30,10 @@ fn graph(text: &str, set: &[&str]) -> Graph {
 fn graph_with(text: &str, set: &[&str], sweep: &[&str]) -> Graph {
     let [set, sweep] = [set, sweep].map(|texts| texts.iter().map(|&text| text.to_owned()).collect());
     let overrides = Overrides { set, sweep };
-    let source = Source { path: "pipelines/pipeline.toml", bytes: text.as_bytes() };
+    let source = Source::new("pipelines/pipeline.toml", text);
     let read = |name: &str| {
         let path = format!("pipelines/{name}");
-        fs::read(&path).map(|bytes| (path, bytes)).map_err(|error| error.to_string())
+        fs::read(&path).map(|bytes| Source::new(path, bytes)).map_err(|error| error.to_string())
     };
     pipeline::load_with(&source, &overrides, stage::registry(), &read).unwrap_or_else(|mistakes| panic!("{mistakes:?}"))
 }
@@ -45,6 +49,34 @@ fn every_file_is_named_as_its_pipeline_and_plans() {
         let plan = plan(&graph, &vec![true; graph.nodes.len()], &store, &Force::None).unwrap();
         assert!(plan.iter().all(Option::is_some), "{name}");
     }
+}
+
+/// A pipeline file may be written another way, but what it asks for stays what it was: the keys of all its nodes, as far
+/// as they are known before their inputs exist, and what each node takes. `CARL_ACCEPT=1` writes the digests anew; do so
+/// only where results change on purpose.
+#[test]
+fn every_file_asks_for_the_same_work_as_before() {
+    let mut lines = String::new();
+    for (name, text) in files() {
+        let graph = graph(&text, &[]);
+        let names = |sources: &[usize]| sources.iter().map(|id| graph.nodes[*id].name.clone()).collect::<Vec<_>>();
+        let work: BTreeMap<&str, serde_json::Value> = graph
+            .nodes
+            .iter()
+            .map(|node| {
+                let inputs: BTreeMap<&str, Vec<String>> =
+                    node.inputs.iter().map(|(port, sources)| (port.name, names(sources))).collect();
+                (&*node.name, serde_json::json!({ "key": key::without_inputs(node), "inputs": inputs }))
+            })
+            .collect();
+        let digest = Digest::of_json(&serde_json::json!(work));
+        lines += &format!("{name}: {} nodes, {digest}\n", graph.nodes.len());
+    }
+    let path = "tests/it/pipeline/shipped_keys.txt";
+    if std::env::var_os("CARL_ACCEPT").is_some() {
+        fs::write(path, &lines).unwrap();
+    }
+    assert_eq!(lines, fs::read_to_string(path).unwrap_or_default());
 }
 
 /// The other commands that headers name.

@@ -42,14 +42,14 @@ kind = "generate_data"
 
 fn try_load(text: &str, set: &[&str], sweep: &[&str]) -> Result<Graph, Diagnostics> {
     let read = |path: &str| match path {
-        "online.toml" => Ok((format!("folder/{path}"), ONLINE.as_bytes().to_vec())),
-        "one.toml" => Ok((format!("folder/{path}"), ONE.as_bytes().to_vec())),
-        "broken.toml" => Ok((format!("folder/{path}"), ONE.replace("kind", "kid").into_bytes())),
-        "none.toml" => Ok((format!("folder/{path}"), b"name = ".to_vec())),
-        "suite.toml" => Ok((format!("folder/{path}"), SUITE.as_bytes().to_vec())),
+        "online.toml" => Ok(Source::new(format!("folder/{path}"), ONLINE.as_bytes().to_vec())),
+        "one.toml" => Ok(Source::new(format!("folder/{path}"), ONE.as_bytes().to_vec())),
+        "broken.toml" => Ok(Source::new(format!("folder/{path}"), ONE.replace("kind", "kid").into_bytes())),
+        "none.toml" => Ok(Source::new(format!("folder/{path}"), b"name = ".to_vec())),
+        "suite.toml" => Ok(Source::new(format!("folder/{path}"), SUITE.as_bytes().to_vec())),
         _ => Err("No such file or directory".to_owned()),
     };
-    load_with(&Source { path: "s.toml", bytes: text.as_bytes() }, &overrides(set, sweep), kinds(), &read)
+    load_with(&Source::new("s.toml", text), &overrides(set, sweep), kinds(), &read)
 }
 
 fn suite(set: &[&str], sweep: &[&str]) -> Graph {

@@ -204,7 +204,7 @@ fn a_draw_for_one_purpose_shifts_none_for_another() {
 }
 
 fn graph(text: &str) -> Graph {
-    let source = Source { path: "test.toml", bytes: text.as_bytes() };
+    let source = Source::new("test.toml", text);
     pipeline::load(&source, &Overrides::default(), stage::registry()).expect("a pipeline")
 }
 

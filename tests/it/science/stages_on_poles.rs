@@ -166,8 +166,9 @@ fn a_drift_goes_along_with_a_warm_start() {
 
 #[test]
 fn a_file_may_give_a_part_of_the_warm_up() {
-    let table = toml::de::ValueDeserializer::parse("{ warm_up = { scale = 3 } }").expect("a table");
-    (stage::kind("train_lce").expect("a kind").try_table)(table).expect("the preset gives the rest");
+    let given = json!({ "warm_up": { "scale": 3 } });
+    let params = (stage::kind("train_lce").expect("a kind").canonical)(&given).expect("the preset gives the rest");
+    assert_eq!(params["warm_up"]["scale"], 3.0);
 }
 
 #[test]

@@ -202,7 +202,7 @@ pub fn overrides(set: &[&str], sweep: &[&str]) -> Overrides {
 }
 
 pub fn try_load(text: &str, set: &[&str], sweep: &[&str]) -> Result<Graph, Diagnostics> {
-    load(&Source { path: "p.toml", bytes: text.as_bytes() }, &overrides(set, sweep), kinds())
+    load(&Source::new("p.toml", text), &overrides(set, sweep), kinds())
 }
 
 /// Loads a pipeline that is right.

@@ -36,7 +36,6 @@ fn adder(name: &'static str, version: u32) -> Kind {
         output: "number",
         preset: |_| json!({}),
         schema: || schemars::schema_for!(u32),
-        try_table: |_| Ok(()),
         canonical: |params| Ok(params.clone()),
         check: |_| Ok(Vec::new()),
         needs: |_| Ok(&[]),

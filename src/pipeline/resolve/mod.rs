@@ -1,0 +1,15 @@
+//! Second pass: a parsed pipeline to a resolved one. Kinds, ports, references and axes are looked up and checked, and
+//! tasks and parameters are computed at every point of the matrix.
+
+mod axes;
+mod choices;
+mod defaults;
+pub(crate) mod names;
+pub(crate) mod params;
+pub(crate) mod points;
+pub(crate) mod resolved;
+mod schema;
+mod streams;
+mod task;
+pub(crate) mod types;
+mod wiring;

@@ -1,0 +1,8 @@
+//! Pipelines and kinds for people to read.
+
+mod catalogue;
+mod dag;
+mod wrap;
+
+pub use catalogue::{stages_json, stages_text};
+pub use dag::{dag_mermaid, dag_text, dag_text_expanded};
