@@ -17,7 +17,7 @@ use carl_pipe::{
     control::{
         Agent,
         regularizer::PolicyRegularizer,
-        sac::{self, Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
+        sac::{self, Codes, CriticActions, Learner, Reward, Sac, SacTrainer, Temperature},
     },
     lce::{
         LceModel, PassiveDynamics,
@@ -209,11 +209,11 @@ fn a_training_step_of_the_agent_allocates_nothing() {
     };
     for settings in [settings.clone(), Sac { buffer: 1_000_000, ..settings }] {
         let agent = Agent::new(2, 2, None, 0.0, &mut Rng::seed_from_u64(4));
-        let mut trainer = SacTrainer::new(agent, &model, &codes, settings);
-        let mut rng = Rng::seed_from_u64(5);
-        trainer.step(1, 1.0, &mut rng);
+        let learner = Learner::new(agent, settings.buffer, Rng::seed_from_u64(5));
+        let mut trainer = SacTrainer::new(learner, &model, &codes, settings);
+        trainer.step(1, 1.0);
         for step in 0..7 {
-            assert_eq!(asked(|| _ = trainer.step(1, 1.0, &mut rng)), NOTHING, "step {step}");
+            assert_eq!(asked(|| _ = trainer.step(1, 1.0)), NOTHING, "step {step}");
         }
     }
 }

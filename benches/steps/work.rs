@@ -4,7 +4,7 @@ use carl_pipe::{
     control::{
         Agent,
         agent::Whitening,
-        sac::{Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
+        sac::{Codes, CriticActions, Learner, Reward, Sac, SacTrainer, Temperature},
     },
     env::Task,
     lce::{
@@ -198,9 +198,9 @@ fn sac(threads: usize) -> Work {
     let regression = 2.0 * 3.0 * critic;
     let improvement = 3.0 * actor + 2.0 * 2.0 * critic;
     let targets = rollout * (actor + dynamics);
-    let mut trainer = SacTrainer::new(agent, model, codes, settings);
+    let mut trainer = SacTrainer::new(Learner::new(agent, settings.buffer, rng), model, codes, settings);
     let step = move || {
-        std::hint::black_box(trainer.step(threads, 1.0, &mut rng));
+        std::hint::black_box(trainer.step(threads, 1.0));
     };
     Work { step: Box::new(step), gflop: 2.0 * BATCH as f64 * (targets + regression + improvement) / 1e9 }
 }

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Artifact, Files, json,
-    lce_model::{check_widths, put_layers, take_layers},
+    lce_model::{put_layers, take_layers},
+    sizes::check_widths,
     tensors::{TensorFile, Tensors, file},
 };
 use crate::{

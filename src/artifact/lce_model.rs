@@ -50,14 +50,6 @@ pub(super) fn put_layers(tensors: &mut Tensors, prefix: &str, layout: &Layout, a
     }
 }
 
-/// Refuses widths that no network of ours has, before anything is computed from them.
-pub(super) fn check_widths<'a>(widths: impl IntoIterator<Item = &'a usize>) -> anyhow::Result<()> {
-    for &width in widths {
-        ensure!((1..=1 << 24).contains(&width), "a width of {width}");
-    }
-    Ok(())
-}
-
 /// Reads what [`put_layers`] wrote.
 pub(super) fn take_layers(tensors: &TensorFile<'_>, prefix: &str, layout: &Layout) -> anyhow::Result<Vec<f32>> {
     // Grows with what is read: widths from a damaged file must not decide over memory.

@@ -3,7 +3,6 @@
 use anyhow::ensure;
 use serde::{Deserialize, Serialize};
 
-use super::lce_model::check_widths;
 use crate::{
     lce::{BackwardSizes, ImageNetworks, PassiveDynamics, Sizes},
     nn::binary_images::PooledPatches,
@@ -111,6 +110,14 @@ fn check(sizes: &Sizes) -> anyhow::Result<()> {
                 "squares of {side} pixels in {columns} columns do not match observations of {pixels} pixels"
             );
         }
+    }
+    Ok(())
+}
+
+/// Refuses widths of 0 and widths that no memory could hold, before anything is computed from them.
+pub(super) fn check_widths<'a>(widths: impl IntoIterator<Item = &'a usize>) -> anyhow::Result<()> {
+    for &width in widths {
+        ensure!((1..=1 << 24).contains(&width), "a width of {width}");
     }
     Ok(())
 }

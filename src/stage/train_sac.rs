@@ -9,7 +9,7 @@ use crate::{
     control::{
         Agent,
         agent::Whitening,
-        sac::{Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
+        sac::{Codes, CriticActions, Learner, Reward, Sac, SacTrainer, Temperature},
     },
     num::math,
     record::{At, topic},
@@ -155,11 +155,11 @@ impl Stage for TrainSac {
             let log_alpha = math::ln(params.first_temperature as f32);
             Agent::new(n, model.sizes.action, whitening, log_alpha, &mut cx.rng("weights"))
         });
-        let mut trainer = SacTrainer::new(agent, model, &codes, params.sac());
-        let mut rng = cx.rng("updates");
+        let learner = Learner::new(agent, params.buffer as usize, cx.rng("updates"));
+        let mut trainer = SacTrainer::new(learner, model, &codes, params.sac());
         for step in 0..params.steps {
             let done = step as f64 / params.steps as f64;
-            let terms = trainer.step(cx.threads.get(), 1.0 - (1.0 - params.last_pace) * done, &mut rng);
+            let terms = trainer.step(cx.threads.get(), 1.0 - (1.0 - params.last_pace) * done);
             cx.record.scalars(
                 topic::TRAIN_SAC,
                 At::new(cx.round, 0, step),
@@ -175,7 +175,7 @@ impl Stage for TrainSac {
                 cx.tick(step + 1, params.steps, &format!("value {:.1}", terms.value))?;
             }
         }
-        Ok(trainer.agent)
+        Ok(trainer.learner.agent)
     }
 }
 

@@ -29,10 +29,10 @@ impl SacTrainer<'_> {
     /// Samples a ~ pi(·|z) into the critics' inputs, and keeps ln pi(a|z).
     #[inline(always)]
     fn sample_actions(&mut self) {
-        let (n, a) = (self.agent.latent, self.agent.action);
+        let (n, a) = (self.learner.agent.latent, self.learner.agent.action);
         let Scratch { state_inputs, critic_inputs, actor, actor_noise, log_pi, .. } = &mut self.scratch;
         let mut actor = actor.view(BATCH);
-        self.agent.nets.actor.mlp.forward(&self.agent.actor.arena, &state_inputs.data, &mut actor);
+        self.learner.agent.nets.actor.mlp.forward(&self.learner.agent.actor.arena, &state_inputs.data, &mut actor);
         let (gaussians, deltas) = actor.output_and_delta();
         // The gradient needs log standard deviations as they were before the clamp: deltas keep them until then.
         deltas.copy_from_slice(gaussians);
@@ -48,9 +48,9 @@ impl SacTrainer<'_> {
     /// J_pi.
     #[inline(always)]
     fn evaluate_actions(&mut self, threads: usize) -> f64 {
-        let (alpha, net) = (self.agent.temperature(), &self.agent.nets.critic.mlp);
+        let (alpha, net) = (self.learner.agent.temperature(), &self.learner.agent.nets.critic.mlp);
         let Scratch { critic_inputs, critics, d_critic_inputs, log_pi, .. } = &mut self.scratch;
-        let [critic_0, critic_1] = &self.agent.critics;
+        let [critic_0, critic_1] = &self.learner.agent.critics;
         let [pass_0, pass_1] = critics;
         let (mut pass_0, mut pass_1) = (pass_0.view(BATCH), pass_1.view(BATCH));
         let inputs = &critic_inputs.data;
@@ -79,8 +79,8 @@ impl SacTrainer<'_> {
     /// The gradient through the sampled actions into the actor, and its Adam step.
     #[inline(always)]
     fn step_actor(&mut self, learning_rate_scale: f64) {
-        let (n, a) = (self.agent.latent, self.agent.action);
-        let (alpha, net) = (self.agent.temperature(), &self.agent.nets.actor.mlp);
+        let (n, a) = (self.learner.agent.latent, self.learner.agent.action);
+        let (alpha, net) = (self.learner.agent.temperature(), &self.learner.agent.nets.actor.mlp);
         let Scratch { state_inputs, critic_inputs, d_critic_inputs, actor, actor_gradient, actor_noise, .. } =
             &mut self.scratch;
         let mut actor = actor.view(BATCH);
@@ -99,10 +99,10 @@ impl SacTrainer<'_> {
                 deltas[sigma] = if free { d_pre * spread - alpha / BATCH as f32 } else { 0.0 };
             }
         }
-        net.backward(&self.agent.actor.arena, &mut actor, None);
+        net.backward(&self.learner.agent.actor.arena, &mut actor, None);
         net.gradient(1, actor_gradient, Accumulate::Replace, &state_inputs.data, &actor);
         let learning_rate = self.settings.actor_learning_rate * learning_rate_scale;
         let settings = AdamSettings { learning_rate, weight_decay: 0.0 };
-        self.agent.actor.adam.step(1, settings, &mut self.agent.actor.arena, actor_gradient);
+        self.learner.agent.actor.adam.step(1, settings, &mut self.learner.agent.actor.arena, actor_gradient);
     }
 }

@@ -18,10 +18,10 @@ impl SacTrainer<'_> {
         self.fill_critic_inputs();
         let learning_rate = self.settings.critic_learning_rate * learning_rate_scale;
         let settings = AdamSettings { learning_rate, weight_decay: 0.0 };
-        let net = &self.agent.nets.critic;
+        let net = &self.learner.agent.nets.critic;
         let Scratch { critic_inputs, rollout, critics, critic_gradients, .. } = &mut self.scratch;
         let (inputs, targets) = (&critic_inputs.data, &rollout.target.data);
-        let [critic_0, critic_1] = &mut self.agent.critics;
+        let [critic_0, critic_1] = &mut self.learner.agent.critics;
         let [pass_0, pass_1] = critics;
         let [gradient_0, gradient_1] = critic_gradients;
         let (loss_0, loss_1) = join(
@@ -34,12 +34,12 @@ impl SacTrainer<'_> {
 
     /// Whitened (z, z_g) and (z, z_g, a) of the batch, which critics and actor read.
     fn fill_critic_inputs(&mut self) {
-        let (n, a) = (self.agent.latent, self.agent.action);
+        let (n, a) = (self.learner.agent.latent, self.learner.agent.action);
         let Scratch { tuples, state_inputs, critic_inputs, .. } = &mut self.scratch;
         let inputs = state_inputs.data.chunks_exact_mut(2 * n).zip(critic_inputs.data.chunks_exact_mut(2 * n + a));
-        for (tuple, (input, critic_input)) in tuples.data.chunks_exact(self.replay.width).zip(inputs) {
+        for (tuple, (input, critic_input)) in tuples.data.chunks_exact(self.learner.buffer.width).zip(inputs) {
             let Tuple { z, action, z_goal, .. } = Tuple::read(tuple, n, a);
-            self.agent.input(z, z_goal, input);
+            self.learner.agent.input(z, z_goal, input);
             critic_input[..2 * n].copy_from_slice(input);
             critic_input[2 * n..].copy_from_slice(action);
         }

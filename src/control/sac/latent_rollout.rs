@@ -4,9 +4,9 @@
 //! value at the end of the rollout is added (paper, equation "SAC Q Update").
 
 use super::{
+    latent_box::LatentBox,
     replay::Tuple,
     settings::{BATCH, Sac},
-    trainer::LatentBox,
 };
 use crate::{
     control::agent::{Agent, clamp_log_sigma, squash},

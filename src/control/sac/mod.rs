@@ -2,12 +2,17 @@
 
 mod actor;
 mod critics;
+mod latent_box;
 mod latent_rollout;
+mod learner;
+mod new_tuples;
 mod replay;
 mod reward;
 mod settings;
 mod trainer;
 
+pub use learner::Learner;
+pub use replay::LatentBuffer;
 pub use reward::Reward;
 pub use settings::{BATCH, CriticActions, Sac, Temperature};
 pub use trainer::{Codes, SacTerms, SacTrainer};

@@ -37,15 +37,18 @@ impl<'a> Tuple<'a> {
 
 /// Tuples (z, a, z', z_g), one column each. A full buffer overwrites its oldest tuple.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Replay {
-    pub(super) columns: Vec<f32>,
-    pub(super) width: usize,
-    pub(super) capacity: usize,
+pub struct LatentBuffer {
+    /// The tuples, one after the other.
+    pub columns: Vec<f32>,
+    /// Numbers of a tuple.
+    pub width: usize,
+    /// How many tuples the buffer holds at most.
+    pub capacity: usize,
     /// The column that the next tuple overwrites once the buffer is full.
-    pub(super) next: usize,
+    pub next: usize,
 }
 
-impl Replay {
+impl LatentBuffer {
     /// An empty buffer for `capacity` tuples of `width` numbers.
     pub(super) fn new(width: usize, capacity: usize) -> Self {
         Self { columns: Vec::with_capacity(capacity.min(RESERVED) * width), width, capacity, next: 0 }
@@ -73,11 +76,11 @@ mod tests {
 
     #[test]
     fn a_full_buffer_overwrites_its_oldest_tuples() {
-        let mut replay = Replay::new(2, 3);
+        let mut buffer = LatentBuffer::new(2, 3);
         for i in 0..5 {
-            replay.push(&[i as f32, -(i as f32)]);
+            buffer.push(&[i as f32, -(i as f32)]);
         }
-        let mut firsts: Vec<f32> = replay.columns.iter().step_by(2).copied().collect();
+        let mut firsts: Vec<f32> = buffer.columns.iter().step_by(2).copied().collect();
         firsts.sort_by(f32::total_cmp);
         assert_eq!(firsts, [2.0, 3.0, 4.0]);
     }

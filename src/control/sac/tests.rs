@@ -80,10 +80,16 @@ fn agent() -> Agent {
     Agent::new(2, 2, whitening, -1.0, &mut Rng::seed_from_u64(2))
 }
 
+/// A new learner for these settings.
+fn learner(settings: &Sac, seed: u64) -> Learner {
+    Learner::new(agent(), settings.buffer, Rng::seed_from_u64(seed))
+}
+
 /// A trainer with a batch in its buffers and unchanged networks, after a step of size zero.
 fn at_rest<'a>(model: &'a LceModel, codes: &'a Codes, settings: Sac) -> SacTrainer<'a> {
-    let mut trainer = SacTrainer::new(agent(), model, codes, Sac { temperature: Temperature::Fixed, ..settings });
-    trainer.step(1, 0.0, &mut Rng::seed_from_u64(3));
+    let learner = learner(&settings, 3);
+    let mut trainer = SacTrainer::new(learner, model, codes, Sac { temperature: Temperature::Fixed, ..settings });
+    trainer.step(1, 0.0);
     trainer
 }
 
@@ -117,15 +123,15 @@ fn check(
 fn the_actors_gradient_equals_finite_differences() {
     let (model, codes) = (known_model(), codes());
     let mut trainer = at_rest(&model, &codes, settings());
-    let layers = trainer.agent.nets.actor.layout.layers.clone();
-    let start = trainer.agent.actor.arena.clone();
+    let layers = trainer.learner.agent.nets.actor.layout.layers.clone();
+    let start = trainer.learner.agent.actor.arena.clone();
     trainer.update_actor(1, 0.0);
     let gradient = trainer.scratch.actor_gradient.clone();
-    assert!(trainer.agent.actor.arena == start, "a step of size zero moves nothing");
+    assert!(trainer.learner.agent.actor.arena == start, "a step of size zero moves nothing");
     check("actor", &layers, &gradient, |moves| {
-        trainer.agent.actor.arena.clone_from(&start);
+        trainer.learner.agent.actor.arena.clone_from(&start);
         for (i, step) in moves {
-            trainer.agent.actor.arena[*i] += step;
+            trainer.learner.agent.actor.arena[*i] += step;
         }
         trainer.update_actor(1, 0.0).0
     });
@@ -135,20 +141,20 @@ fn the_actors_gradient_equals_finite_differences() {
 fn the_critics_gradients_equal_finite_differences() {
     let (model, codes) = (known_model(), codes());
     let mut trainer = at_rest(&model, &codes, settings());
-    let layers = trainer.agent.nets.critic.layout.layers.clone();
+    let layers = trainer.learner.agent.nets.critic.layout.layers.clone();
     trainer.update_critics(1, 0.0);
     for which in 0..2 {
-        let start = trainer.agent.critics[which].arena.clone();
+        let start = trainer.learner.agent.critics[which].arena.clone();
         let gradient = trainer.scratch.critic_gradients[which].clone();
         check(&format!("critic {which}"), &layers, &gradient, |moves| {
-            trainer.agent.critics[which].arena.clone_from(&start);
+            trainer.learner.agent.critics[which].arena.clone_from(&start);
             for (i, step) in moves {
-                trainer.agent.critics[which].arena[*i] += step;
+                trainer.learner.agent.critics[which].arena[*i] += step;
             }
             // The step reports the mean of both critics' losses.
             2.0 * trainer.update_critics(1, 0.0)
         });
-        trainer.agent.critics[which].arena.clone_from(&start);
+        trainer.learner.agent.critics[which].arena.clone_from(&start);
     }
 }
 
@@ -160,9 +166,21 @@ fn a_regression_of_the_critics_on_fixed_targets_lowers_their_loss() {
     assert!(losses[29] < 0.1 * losses[0], "{losses:?}");
 }
 
+/// The smaller target critic at a whitened (z, z_g) and an action.
+fn smaller_target_critic(agent: &Agent, mut input: Vec<f32>, action: &[f64]) -> f64 {
+    input.extend(action.iter().map(|&u| u as f32));
+    let net = &agent.nets.critic.mlp;
+    let value = |target: &Vec<f32>| {
+        let mut pass = Pass::new(net, 1, 1);
+        net.forward(target, &input, &mut pass.view(1));
+        f64::from(pass.output()[0])
+    };
+    agent.targets.iter().map(value).fold(f64::INFINITY, f64::min)
+}
+
 /// The target of one sample by the definition, in double precision.
 fn plain_target(trainer: &SacTrainer<'_>, sample: usize) -> f64 {
-    let (agent, settings) = (&trainer.agent, &trainer.settings);
+    let (agent, settings) = (&trainer.learner.agent, &trainer.settings);
     let tuple = Tuple::read(&trainer.scratch.tuples.data[sample * 8..][..8], 2, 2);
     let double = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect::<Vec<f64>>();
     let goal = double(tuple.z_goal);
@@ -173,10 +191,9 @@ fn plain_target(trainer: &SacTrainer<'_>, sample: usize) -> f64 {
             Reward::Quadratic => -50.0 * squared - action.iter().map(|u| u * u).sum::<f64>(),
         }
     };
-    let whitened = |z: &[f64]| -> Vec<f32> {
-        let z: Vec<f32> = z.iter().map(|&z| z as f32).collect();
+    let whitened = |z: &[f64]| {
         let mut input = vec![0.0; 4];
-        agent.input(&z, tuple.z_goal, &mut input);
+        agent.input(&z.iter().map(|&z| z as f32).collect::<Vec<f32>>(), tuple.z_goal, &mut input);
         input
     };
     let alpha = f64::from(agent.temperature());
@@ -196,15 +213,7 @@ fn plain_target(trainer: &SacTrainer<'_>, sample: usize) -> f64 {
         }
         target -= discount * alpha * log_pi;
         if step == settings.rollout {
-            let mut input = whitened(&z);
-            input.extend(action.iter().map(|&u| u as f32));
-            let values = [0, 1].map(|i: usize| {
-                let net = &agent.nets.critic.mlp;
-                let mut pass = Pass::new(net, 1, 1);
-                net.forward(&agent.targets[i], &input, &mut pass.view(1));
-                f64::from(pass.output()[0])
-            });
-            return target + discount * values[0].min(values[1]);
+            return target + discount * smaller_target_critic(agent, whitened(&z), &action);
         }
         for k in 0..2 {
             let moved = z[k] + f64::from(STRIDE) * action[k] + f64::from(LOG_SIGMA).exp() * f64::from(noise[2 + k]);
@@ -253,10 +262,9 @@ fn distance_after_ten_actions(agent: &Agent, codes: &Codes) -> f32 {
 fn updates_under_known_dynamics_learn_to_reach_the_goal() {
     let (model, codes) = (known_model(), codes());
     let before = distance_after_ten_actions(&agent(), &codes);
-    let mut trainer = SacTrainer::new(agent(), &model, &codes, settings());
-    let mut rng = Rng::seed_from_u64(4);
-    let values: Vec<f64> = (0..150).map(|_| trainer.step(1, 1.0, &mut rng).value).collect();
-    let after = distance_after_ten_actions(&trainer.agent, &codes);
+    let mut trainer = SacTrainer::new(learner(&settings(), 4), &model, &codes, settings());
+    let values: Vec<f64> = (0..150).map(|_| trainer.step(1, 1.0).value).collect();
+    let after = distance_after_ten_actions(&trainer.learner.agent, &codes);
     assert!(before > 1.2 && after < 0.5 * before, "distance {before} -> {after}");
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     assert!(
@@ -272,14 +280,14 @@ fn the_temperature_moves_entropy_towards_its_target() {
     let (model, codes) = (known_model(), codes());
     let mut trainer = at_rest(&model, &codes, settings());
     let alpha_after = |trainer: &mut SacTrainer<'_>, entropy: f64| {
-        let before = trainer.agent.temperature();
+        let before = trainer.learner.agent.temperature();
         trainer.update_temperature(entropy);
-        trainer.agent.temperature() / before
+        trainer.learner.agent.temperature() / before
     };
     // The target is minus the number of action components, -2.
     trainer.settings.temperature = Temperature::Tuned;
     assert!(alpha_after(&mut trainer, -3.0) > 1.0, "too little entropy raises alpha");
-    trainer.agent.log_alpha.adam = crate::nn::adam::Adam::new(1);
+    trainer.learner.agent.log_alpha.adam = crate::nn::adam::Adam::new(1);
     assert!(alpha_after(&mut trainer, -1.0) < 1.0, "too much entropy lowers alpha");
     trainer.settings.temperature = Temperature::Fixed;
     assert_eq!(alpha_after(&mut trainer, -3.0), 1.0);
@@ -291,13 +299,13 @@ fn the_temperature_moves_entropy_towards_its_target() {
 fn averaged_networks_move_by_their_rate_and_targets_stay_without_a_bootstrap() {
     let (model, codes) = (known_model(), codes());
     for bootstrap in [false, true] {
-        let mut trainer =
-            SacTrainer::new(agent(), &model, &codes, Sac { bootstrap, policy_ema_rate: 1.0, ..settings() });
-        let targets = trainer.agent.targets.clone();
-        trainer.step(1, 1.0, &mut Rng::seed_from_u64(5));
+        let settings = Sac { bootstrap, policy_ema_rate: 1.0, ..settings() };
+        let mut trainer = SacTrainer::new(learner(&settings, 5), &model, &codes, settings);
+        let targets = trainer.learner.agent.targets.clone();
+        trainer.step(1, 1.0);
         let near = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6);
-        assert!(near(&trainer.agent.acting, &trainer.agent.actor.arena));
-        assert_eq!(trainer.agent.targets == targets, !bootstrap);
+        assert!(near(&trainer.learner.agent.acting, &trainer.learner.agent.actor.arena));
+        assert_eq!(trainer.learner.agent.targets == targets, !bootstrap);
     }
 }
 
@@ -305,12 +313,12 @@ fn averaged_networks_move_by_their_rate_and_targets_stay_without_a_bootstrap() {
 fn every_instruction_set_trains_to_the_same_bits() {
     let (model, codes) = (known_model(), codes());
     crate::num::simd::tests::on_every_instruction_set(|| {
-        let mut trainer = SacTrainer::new(agent(), &model, &codes, Sac { bootstrap: true, ..settings() });
-        let mut rng = Rng::seed_from_u64(9);
+        let settings = Sac { bootstrap: true, ..settings() };
+        let mut trainer = SacTrainer::new(learner(&settings, 9), &model, &codes, settings);
         for _ in 0..3 {
-            trainer.step(1, 1.0, &mut rng);
+            trainer.step(1, 1.0);
         }
         let bits = |x: &[f32]| x.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
-        (bits(&trainer.agent.actor.arena), bits(&trainer.agent.critics[0].arena))
+        (bits(&trainer.learner.agent.actor.arena), bits(&trainer.learner.agent.critics[0].arena))
     });
 }

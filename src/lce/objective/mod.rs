@@ -4,6 +4,7 @@
 //! the weighted sum, and `pass` the samples that the terms are evaluated at.
 
 mod batch;
+mod columns;
 mod losses;
 mod pass;
 mod terms;

@@ -5,8 +5,8 @@
 
 use super::{
     batch::{Batch, Noise},
+    columns::Columns,
     terms::Weights,
-    workspace::Columns,
 };
 use crate::{
     lce::{gaussian_pair::GaussianPair, model::LceModel},

@@ -1,8 +1,8 @@
 //! Forward and backward through the networks of the warm-up for some samples of a batch, with one function for every term.
 
 use super::{
+    columns::Columns,
     settings::{WarmUp, WarmUpBatch},
-    workspace::Columns,
 };
 use crate::{
     lce::{

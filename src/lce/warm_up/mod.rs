@@ -5,6 +5,7 @@
 //! also moves without an action, [`PassiveDynamics`](super::PassiveDynamics) explain this motion. The warm-up uses
 //! (x, u, x') alone.
 
+mod columns;
 mod losses;
 mod settings;
 mod workspace;

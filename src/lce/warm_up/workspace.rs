@@ -1,31 +1,24 @@
-//! Buffers of the warm-up, and one step: terms and gradient for a batch.
+//! One step of the warm-up: terms and gradient for a batch.
 
 use super::{
+    columns::Columns,
     losses::{Pass, Step},
     settings::{WarmUp, WarmUpBatch, WarmUpTerms},
 };
 use crate::{
     lce::{
         model::LceModel,
-        passes::{PassColumns, Passes, PerSample},
+        passes::{Passes, PerSample},
     },
-    nn::columns::{cut_together, over_samples},
+    nn::columns::over_samples,
     num::Real,
 };
 
-/// Buffers for batches up to a size, so that a step allocates nothing.
+/// Computes the warm-up loss for batches up to a size. It keeps its buffers, so that a step allocates nothing.
 #[derive(Debug, Clone)]
 pub struct WarmUpWorkspace<T> {
     passes: Passes<T>,
     terms: Vec<WarmUpTerms<T>>,
-}
-
-cut_together! {
-    /// Some samples of a [`WarmUpWorkspace`].
-    pub(super) struct Columns<'a, T> {
-        pub(super) nets: PassColumns<'a, T>,
-        pub(super) terms: &'a mut [WarmUpTerms<T>],
-    }
 }
 
 impl<T: Real> WarmUpWorkspace<T> {

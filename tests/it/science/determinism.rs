@@ -7,7 +7,7 @@ use crate::support::models::{convolutional_model_and_data, model_and_data};
 use carl_pipe::{
     control::{
         Agent,
-        sac::{Codes, CriticActions, Reward, Sac, SacTrainer, Temperature},
+        sac::{Codes, CriticActions, Learner, Reward, Sac, SacTrainer, Temperature},
     },
     lce::{
         LceModel, PassiveDynamics,
@@ -119,11 +119,11 @@ fn threads_change_no_bit_of_the_agent() {
     let train = |threads: usize| {
         on_threads(threads, || {
             let agent = Agent::new(2, 2, None, 0.0, &mut Rng::seed_from_u64(4));
-            let mut trainer = SacTrainer::new(agent, &model, &codes, sac());
-            let mut rng = Rng::seed_from_u64(5);
+            let learner = Learner::new(agent, sac().buffer, Rng::seed_from_u64(5));
+            let mut trainer = SacTrainer::new(learner, &model, &codes, sac());
             // More tuples than the buffer holds, so that it wraps.
-            let terms: Vec<_> = (0..10).map(|_| trainer.step(threads, 1.0, &mut rng)).collect();
-            (terms, trainer.agent)
+            let terms: Vec<_> = (0..10).map(|_| trainer.step(threads, 1.0)).collect();
+            (terms, trainer.learner.agent)
         })
     };
     let one = train(1);
