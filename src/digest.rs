@@ -1,6 +1,6 @@
-//! Names bytes by their blake3 digest: equal digests mean equal bytes.
+//! Digests of bytes with blake3. Equal digests mean equal bytes.
 
-use std::{fmt, str::FromStr};
+use std::{fmt, io, str::FromStr};
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 use serde_json::Value;
@@ -15,12 +15,22 @@ impl Digest {
         Self(*blake3::hash(bytes).as_bytes())
     }
 
-    /// The digest of a JSON value, whatever the order of its keys.
+    /// The digest of all bytes that a reader gives.
+    ///
+    /// # Errors
+    /// The reader failed.
+    pub fn of_reader(reader: impl io::Read) -> io::Result<Self> {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(reader)?;
+        Ok(Self(*hasher.finalize().as_bytes()))
+    }
+
+    /// The digest of a JSON value. The order of its keys does not matter.
     pub fn of_json(value: &Value) -> Self {
         Self::of_bytes(canonical(value).as_bytes())
     }
 
-    /// The content digest of an artifact: over the names and digests of its files, in the order of their names.
+    /// The content digest of an artifact: a hash over the names and digests of its files, in the order of the names.
     pub fn of_files<'a>(files: impl IntoIterator<Item = (&'a str, Digest)>) -> Self {
         let mut files: Vec<_> = files.into_iter().collect();
         files.sort();
@@ -60,16 +70,10 @@ impl fmt::Debug for Digest {
     }
 }
 
-/// Text that is no digest.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The text is not a digest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("a digest is `b3:` and 64 hexadecimal digits")]
 pub struct NotADigest;
-
-impl fmt::Display for NotADigest {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a digest is `b3:` and 64 hexadecimal digits")
-    }
-}
-impl std::error::Error for NotADigest {}
 
 impl FromStr for Digest {
     type Err = NotADigest;
@@ -93,7 +97,7 @@ impl<'de> Deserialize<'de> for Digest {
     }
 }
 
-/// The one way to write a JSON value: keys sorted, no spaces.
+/// The canonical text of a JSON value: keys sorted, no spaces.
 pub fn canonical(value: &Value) -> String {
     let mut text = String::new();
     write_canonical(value, &mut text);
@@ -153,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn names_and_order_of_files_are_told_apart() {
+    fn the_digest_of_files_depends_on_names_but_not_on_order() {
         let (a, b) = (Digest::of_bytes(b"a"), Digest::of_bytes(b"b"));
         assert_eq!(Digest::of_files([("x", a), ("y", b)]), Digest::of_files([("y", b), ("x", a)]));
         assert_ne!(Digest::of_files([("x", a), ("y", b)]), Digest::of_files([("x", b), ("y", a)]));

@@ -9,6 +9,7 @@ use std::{
 /// A layer, what it may use, and why where that is not plain.
 const TABLE: &[(&str, &[(&str, &str)])] = &[
     ("digest", &[]),
+    ("store", &[("digest", "keys and contents")]),
     ("node_name", &[]),
     ("diag", &[]),
     ("record", &[]),
@@ -28,6 +29,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
     (
         "artifact",
         &[
+            ("store", "the files of an artifact"),
             ("num", "a summary holds statistics"),
             ("nn", "optimisers and arenas lie on disk"),
             ("lce", "a model is an artifact"),
@@ -35,7 +37,6 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("env", "an evaluation names its starts"),
         ],
     ),
-    ("store", &[("digest", "keys and contents"), ("artifact", "files by name")]),
     (
         "stage",
         &[
@@ -53,7 +54,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
         &[
             ("diag", "mistakes with their place"),
             ("env", "the `[task]` table"),
-            ("num", "a node's stream"),
+            ("num", "a node's stream and platform"),
             ("node_name", "names of nodes"),
             ("stage", "kinds: their ports, parameters and presets"),
         ],
@@ -63,12 +64,11 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
         &[
             ("pipeline", "the graph"),
             ("stage", "what a node does"),
-            ("store", "what nodes made"),
-            ("artifact", "files by name"),
+            ("store", "keys and what nodes made"),
             ("digest", "keys and contents"),
             ("node_name", "names of nodes"),
             ("record", "a node's recording"),
-            ("num", "a node's stream and its share of the cores"),
+            ("num", "a node's stream, its platform and its share of the cores"),
             ("env", "a manifest holds the task"),
         ],
     ),

@@ -81,11 +81,13 @@ impl Artifact for Agent {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let about: About = serde_json::from_slice(file(files, "agent.json")?)?;
+        let about: About = serde_json::from_slice(&file(files, "agent.json")?)?;
         check_widths([&about.latent, &about.action])?;
         let nets = AgentNets::new(about.latent, about.action);
-        let agent = TensorFile::open(file(files, "agent.safetensors")?)?;
-        let optimizer = TensorFile::open(file(files, "optimizer.safetensors")?)?;
+        let agent_bytes = file(files, "agent.safetensors")?;
+        let agent = TensorFile::open(&agent_bytes)?;
+        let optimizer_bytes = file(files, "optimizer.safetensors")?;
+        let optimizer = TensorFile::open(&optimizer_bytes)?;
         let actor = take(&agent, &optimizer, "actor", &nets.actor.layout, about.actor_adam_steps)?;
         let acting = take_layers(&agent, "acting/", &nets.actor.layout)?;
         let critic = |i: usize| {

@@ -29,7 +29,8 @@ impl Artifact for Collected {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let standing = files.contains_key(FILE).then(|| file(files, FILE)).transpose()?;
-        Ok(Self { transitions: Transitions::load(files)?, standing: standing.map(serde_json::from_slice).transpose()? })
+        let standing = files.get(FILE).map(|_| file(files, FILE)).transpose()?;
+        let standing = standing.map(|bytes| serde_json::from_slice(&bytes)).transpose()?;
+        Ok(Self { transitions: Transitions::load(files)?, standing })
     }
 }

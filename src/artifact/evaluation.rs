@@ -65,6 +65,6 @@ impl Artifact for Evaluation {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        Ok(serde_json::from_slice(file(files, "evaluation.json")?)?)
+        Ok(serde_json::from_slice(&file(files, "evaluation.json")?)?)
     }
 }

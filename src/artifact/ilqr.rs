@@ -11,6 +11,6 @@ impl Artifact for Ilqr {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        Ok(serde_json::from_slice(file(files, "ilqr.json")?)?)
+        Ok(serde_json::from_slice(&file(files, "ilqr.json")?)?)
     }
 }

@@ -94,9 +94,10 @@ impl Artifact for LatentMap {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let about = serde_json::from_slice(file(files, "latent_map.json")?).context("latent_map.json")?;
+        let about = serde_json::from_slice(&file(files, "latent_map.json")?).context("latent_map.json")?;
         let About { latent, quality, axes } = about;
-        let tensors = TensorFile::open(file(files, "latent_map.safetensors")?)?;
+        let tensors_bytes = file(files, "latent_map.safetensors")?;
+        let tensors = TensorFile::open(&tensors_bytes)?;
         let shape = tensors.shape("codes")?;
         let states = shape.first().copied().unwrap_or_default();
         ensure!(latent > 0 && shape == [states, latent], "codes of shape {shape:?}");

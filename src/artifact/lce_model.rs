@@ -86,11 +86,13 @@ impl Artifact for TrainedModel {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let About { sizes, adam_steps, suspect_goals } = serde_json::from_slice(file(files, "model.json")?)?;
+        let About { sizes, adam_steps, suspect_goals } = serde_json::from_slice(&file(files, "model.json")?)?;
         let sizes = Sizes::try_from(sizes)?;
         let nets = Nets::new(&sizes);
-        let tensors = TensorFile::open(file(files, "model.safetensors")?)?;
-        let optimizer = TensorFile::open(file(files, "optimizer.safetensors")?)?;
+        let tensors_bytes = file(files, "model.safetensors")?;
+        let tensors = TensorFile::open(&tensors_bytes)?;
+        let optimizer_bytes = file(files, "optimizer.safetensors")?;
+        let optimizer = TensorFile::open(&optimizer_bytes)?;
         let adam = Adam {
             m: take_layers(&optimizer, "m.", &nets.layout)?,
             v: take_layers(&optimizer, "v.", &nets.layout)?,

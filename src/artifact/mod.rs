@@ -11,17 +11,13 @@ mod summary;
 mod tensors;
 mod transitions;
 
-use std::collections::BTreeMap;
-
+pub use crate::store::Files;
 pub use collected::Collected;
 pub use evaluation::{EpisodeResult, Evaluation};
 pub use latent_map::{Codes, LatentAxis, LatentMap};
 pub use lce_model::TrainedModel;
 pub use summary::{MetricSummary, ResultSummary};
 pub use transitions::Transitions;
-
-/// The files of one artifact by name: every file becomes one content-addressed object of the store.
-pub type Files = BTreeMap<String, Vec<u8>>;
 
 /// A value that one stage makes and others take.
 ///

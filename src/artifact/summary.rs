@@ -48,6 +48,6 @@ impl Artifact for ResultSummary {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        Ok(serde_json::from_slice(file(files, "summary.json")?)?)
+        Ok(serde_json::from_slice(&file(files, "summary.json")?)?)
     }
 }

@@ -1,6 +1,6 @@
 //! Named tensors as safetensors bytes, in a fixed order and without metadata, so equal tensors give equal bytes.
 
-use std::collections::BTreeMap;
+use std::{borrow::Cow, collections::BTreeMap};
 
 use anyhow::{Context as _, ensure};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
@@ -80,6 +80,7 @@ impl<'a> TensorFile<'a> {
 }
 
 /// One file of an artifact.
-pub fn file<'a>(files: &'a super::Files, name: &str) -> anyhow::Result<&'a [u8]> {
-    files.get(name).map(Vec::as_slice).with_context(|| format!("no file `{name}` in the artifact"))
+pub fn file<'a>(files: &'a super::Files, name: &str) -> anyhow::Result<Cow<'a, [u8]>> {
+    let content = files.get(name).with_context(|| format!("no file `{name}` in the artifact"))?;
+    Ok(content.bytes()?)
 }

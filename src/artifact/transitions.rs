@@ -105,7 +105,8 @@ impl Artifact for Transitions {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let tensors = TensorFile::open(file(files, FILE)?)?;
+        let tensors_bytes = file(files, FILE)?;
+        let tensors = TensorFile::open(&tensors_bytes)?;
         let shape = |name: &str, is: usize| {
             let shape = tensors.shape(name)?;
             ensure!(shape.len() == is, "tensor `{name}` has shape {shape:?}");

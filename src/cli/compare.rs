@@ -1,5 +1,7 @@
 //! `carl-pipe compare`: shows what differs between two runs: parameters, metrics with their uncertainty, outputs.
 
+use std::path::Path;
+
 use serde_json::json;
 
 use super::{
@@ -16,7 +18,6 @@ use crate::{
     },
     run::{manifest::Manifest, runs},
     stage::Kind,
-    store::Store,
 };
 
 /// The arguments of `compare`.
@@ -55,7 +56,8 @@ struct Head {
 /// Compares two runs.
 pub(crate) fn compare(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit, Error> {
     let store = global.store()?;
-    let manifests = [read(&store, &args.before)?, read(&store, &args.after)?];
+    let all = global.runs();
+    let manifests = [read(&all, &args.before)?, read(&all, &args.after)?];
     let heads = manifests.each_ref().map(|it| Head {
         run: it.run.clone(),
         pipeline: it.pipeline.clone(),
@@ -77,8 +79,8 @@ pub(crate) fn compare(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Ex
     Ok(Exit::Ok)
 }
 
-fn read(store: &Store, run: &str) -> Result<Manifest, Error> {
-    let folder = runs::find(&store.runs(), run).map_err(|error| Error::usage(error.to_string()))?;
+fn read(all: &Path, run: &str) -> Result<Manifest, Error> {
+    let folder = runs::find(all, run).map_err(|error| Error::usage(error.to_string()))?;
     Ok(Manifest::read(&folder)?)
 }
 

@@ -1,6 +1,6 @@
 //! How the program ends: a documented code, and an error in one shape.
 
-use crate::store::Busy;
+use crate::store;
 
 /// The exit codes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,10 +53,19 @@ impl Error {
     }
 }
 
-/// What the engine cannot do is a fault of the store or the system, unless it says otherwise.
+/// An error of the engine is a fault of the store or the system.
 impl From<anyhow::Error> for Error {
     fn from(error: anyhow::Error) -> Self {
-        let exit = if error.chain().any(|cause| cause.is::<Busy>()) { Exit::Busy } else { Exit::Store };
-        Self::new(exit, format!("{error:#}"))
+        Self::new(Exit::Store, format!("{error:#}"))
+    }
+}
+
+impl From<store::Error> for Error {
+    fn from(error: store::Error) -> Self {
+        let exit = match error {
+            store::Error::Busy(_) => Exit::Busy,
+            store::Error::OtherFormat { .. } | store::Error::Unusable { .. } | store::Error::Io { .. } => Exit::Store,
+        };
+        Self::new(exit, format!("{:#}", anyhow::Error::from(error)))
     }
 }

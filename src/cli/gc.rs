@@ -5,7 +5,7 @@ use super::{
     exit::{Error, Exit},
     out,
 };
-use crate::{run::gc::clean, store::Store};
+use crate::{run::gc::clean, store::LocalStore};
 
 /// The arguments of `gc`.
 #[derive(Debug, clap::Args)]
@@ -23,8 +23,8 @@ pub(crate) struct Args {
 
 /// Cleans the store.
 pub(crate) fn gc(global: &Global, args: &Args) -> Result<Exit, Error> {
-    let store = Store::open_alone(&global.artifacts)?;
-    let cleaned = clean(&store, args.keep, args.dry_run)?;
+    let store = LocalStore::open_alone(&global.artifacts)?;
+    let cleaned = clean(&store, &global.runs(), args.keep, args.dry_run)?;
     if args.json {
         out::line(&serde_json::json!({"version": 1, "dry_run": args.dry_run, "removed": cleaned}).to_string());
         return Ok(Exit::Ok);

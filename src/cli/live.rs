@@ -12,7 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::{run::events::Event, store::Store};
+use crate::{run::events::Event, store::LocalStore};
 
 /// How long a finished run waits for its view to write a file.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -25,12 +25,12 @@ pub(crate) struct LiveView {
 }
 
 impl LiveView {
-    pub(crate) fn new(sink: String, store: &Store) -> Self {
+    pub(crate) fn new(sink: String, store: &LocalStore) -> Self {
         Self { sink, artifacts: store.root().to_owned(), running: Mutex::default() }
     }
 
     /// Hears of an event; returns what went wrong with the view, once.
-    pub(crate) fn hear(&self, event: &Event) -> Option<String> {
+    pub(crate) fn on_event(&self, event: &Event) -> Option<String> {
         match event {
             Event::RunStarted { run, .. } => self.start(run),
             Event::NodeStarted { .. } | Event::NodeFinished { .. } | Event::Progress { .. } => self.has_died(),

@@ -14,10 +14,11 @@ use crate::{
     report::groups::grouped,
     run::{
         events::{NodeState, RunState},
-        manifest::{Manifest, NodeRecord},
+        manifest::Manifest,
+        node::NodeRecord,
         runs,
     },
-    store::Store,
+    store::ResultStore,
 };
 
 /// The arguments of `log`.
@@ -50,11 +51,11 @@ const ROWS: usize = 100;
 
 /// Lists runs.
 pub(crate) fn log(global: &Global, args: &Args) -> Result<Exit, Error> {
-    let all = global.artifacts.join("runs");
+    let all = global.runs();
     let paint = global.color.on_stdout();
     let mut rows = Vec::new();
     for manifest in runs::manifests(&all).take(args.number) {
-        let count = |state| manifest.nodes.iter().filter(|node| node.state == state).count();
+        let count = |state| manifest.nodes.iter().filter(|node| node.outcome.state == state).count();
         let (ran, cached) = (count(NodeState::Ran), count(NodeState::Cached));
         let state = state(&manifest, runs::is_alive(&all.join(&manifest.run)));
         if args.json {
@@ -101,14 +102,14 @@ fn painted(state: &str, paint: Paint) -> String {
 
 /// Shows a run.
 pub(crate) fn show(global: &Global, args: &ShowArgs) -> Result<Exit, Error> {
-    let all = global.artifacts.join("runs");
+    let all = global.runs();
     let run_dir = runs::find(&all, &args.run).map_err(|error| Error::usage(error.to_string()))?;
     let manifest = Manifest::read(&run_dir)?;
     let is_named = |node: &NodeRecord, name: &str| {
-        let member = &manifest.members[node.member].name;
-        node.name == name
-            || node.stage == name
-            || without_member(&node.stage) == name
+        let member = &manifest.members[node.about.member].name;
+        node.about.name == name
+            || node.about.stage == name
+            || without_member(&node.about.stage) == name
             || (!member.is_empty() && member == name)
     };
     let wanted = |node: &&NodeRecord| args.node.as_ref().is_none_or(|name| is_named(node, name));
@@ -144,7 +145,7 @@ pub(crate) fn show(global: &Global, args: &ShowArgs) -> Result<Exit, Error> {
     } else if args.node.is_some() {
         let store = global.store()?;
         for node in &nodes {
-            out::line(&format!("\n{} {}", paint.bold(&node.name), node.params));
+            out::line(&format!("\n{} {}", paint.bold(&node.about.name), node.about.work.params));
             out::print(&out::table(&files(&store, node)?));
         }
     }
@@ -157,26 +158,28 @@ fn by_stage(nodes: &[&NodeRecord]) -> Vec<Vec<String>> {
         let mut counts: BTreeMap<String, usize> = BTreeMap::new();
         own.iter().for_each(|node| *counts.entry(row(node).swap_remove(1)).or_default() += 1);
         let states: Vec<String> = counts.iter().map(|(state, count)| format!("{state} {count}")).collect();
-        let secs = own.iter().map(|node| node.secs).sum();
+        let secs = own.iter().map(|node| node.outcome.secs).sum();
         vec![format!("{stage} x{}", own.len()), states.join(", "), duration(secs)]
     };
-    grouped(nodes.iter().copied(), |node| node.stage.as_str()).iter().map(row).collect()
+    grouped(nodes.iter().copied(), |node| node.about.stage.as_str()).iter().map(row).collect()
 }
 
 fn row(node: &NodeRecord) -> Vec<String> {
-    let state = serde_json::to_value(node.state).ok().and_then(|it| it.as_str().map(str::to_owned)).unwrap_or_default();
-    let metrics = node.metrics.iter().map(|(name, value)| format!("{name} {}", out::number(*value)));
-    let output = node.output.map_or_else(String::new, |digest| digest.short());
-    vec![node.name.clone(), state, duration(node.secs), output, metrics.collect::<Vec<_>>().join(", ")]
+    let state =
+        serde_json::to_value(node.outcome.state).ok().and_then(|it| it.as_str().map(str::to_owned)).unwrap_or_default();
+    let metrics = node.outcome.metrics.iter().map(|(name, value)| format!("{name} {}", out::number(*value)));
+    let output = node.outcome.output.map_or_else(String::new, |digest| digest.short());
+    vec![node.about.name.clone(), state, duration(node.outcome.secs), output, metrics.collect::<Vec<_>>().join(", ")]
 }
 
 /// Where the files and the recording of a node lie.
-fn files(store: &Store, node: &NodeRecord) -> Result<Vec<Vec<String>>, Error> {
-    let entry = node.key.map_or(Ok(None), |key| store.entry(key))?;
-    let Some(entry) = entry.filter(|entry| Some(entry.output) == node.output) else {
+fn files(store: &dyn ResultStore, node: &NodeRecord) -> Result<Vec<Vec<String>>, Error> {
+    let entry = node.outcome.key.map_or(Ok(None), |key| store.entry(key))?;
+    let Some(entry) = entry.filter(|entry| Some(entry.output) == node.outcome.output) else {
         return Ok(vec![vec!["  what it made is gone".to_owned()]]);
     };
-    let row = |name: &str, object| vec![format!("  {name}"), store.object(object).display().to_string()];
+    let place = |object| store.path_of(object).map_or_else(String::new, |path| path.display().to_string());
+    let row = |name: &str, object| vec![format!("  {name}"), place(object)];
     let files = entry.files.iter().map(|file| row(&file.name, file.object));
     Ok(files.chain(entry.recording.iter().map(|recording| row("recording", recording.object))).collect())
 }

@@ -23,7 +23,7 @@ use std::{ffi::OsString, path::PathBuf};
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
-use crate::{stage::Kind, store::Store};
+use crate::{run::runs, stage::Kind, store::LocalStore};
 use exit::{CODES, Error, Exit, Message};
 use out::Colour;
 
@@ -73,8 +73,13 @@ pub(crate) struct Global {
 }
 
 impl Global {
-    fn store(&self) -> Result<Store, Error> {
-        Ok(Store::open(&self.artifacts)?)
+    fn store(&self) -> Result<LocalStore, Error> {
+        Ok(LocalStore::open(&self.artifacts)?)
+    }
+
+    /// The folder of the runs.
+    fn runs(&self) -> PathBuf {
+        runs::folder(&self.artifacts)
     }
 }
 

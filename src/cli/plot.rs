@@ -18,12 +18,9 @@ use crate::{
         chart::{self, Panel},
         outcomes::{Outcome, is_done, point_text},
     },
-    run::{
-        manifest::{Manifest, NodeRecord},
-        runs,
-    },
+    run::{manifest::Manifest, node::NodeRecord, runs},
     stage::Kind,
-    store::Store,
+    store::{LocalStore, ResultStore as _},
 };
 
 /// The arguments of `plot`.
@@ -86,8 +83,7 @@ fn axis(text: &str) -> Result<(String, String), &'static str> {
 
 /// Writes the pictures of runs.
 pub(crate) fn plot(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit, Error> {
-    let store = global.store()?;
-    let mut outcomes = all_outcomes(&store, &args.runs, kinds)?;
+    let mut outcomes = all_outcomes(&global.runs(), &args.runs, kinds)?;
     if let Some(member) = &args.member {
         outcomes.retain(|outcome| outcome.member.name == *member);
         if outcomes.is_empty() {
@@ -101,7 +97,7 @@ pub(crate) fn plot(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit,
         write(&args.output, by_samples(&outcomes, args.band))?;
         return Ok(Exit::Ok);
     }
-    by_round(&OneRun::read(store, args, kinds)?, outcomes, args)
+    by_round(&OneRun::read(global, args, kinds)?, outcomes, args)
 }
 
 /// The learning curves by samples, one picture for each task.
@@ -128,7 +124,7 @@ fn write(folder: &Path, pictures: Vec<Picture>) -> Result<(), Error> {
 
 /// One pipeline of one run.
 struct OneRun<'a> {
-    store: Store,
+    store: LocalStore,
     kinds: &'a [Kind],
     run: String,
     /// The pipeline's name, or its name in the suite.
@@ -166,14 +162,14 @@ fn by_round(run: &OneRun<'_>, outcomes: Vec<Outcome>, args: &Args) -> Result<Exi
 }
 
 impl<'a> OneRun<'a> {
-    fn read(store: Store, args: &Args, kinds: &'a [Kind]) -> Result<Self, Error> {
-        let folder = runs::find(&store.runs(), &args.runs[0]).map_err(|error| Error::usage(error.to_string()))?;
+    fn read(global: &Global, args: &Args, kinds: &'a [Kind]) -> Result<Self, Error> {
+        let folder = runs::find(&global.runs(), &args.runs[0]).map_err(|error| Error::usage(error.to_string()))?;
         let Manifest { run, pipeline, members, mut nodes, .. } = Manifest::read(&folder)?;
         if let Some(wanted) = &args.member {
-            nodes.retain(|node| members[node.member].name == *wanted);
+            nodes.retain(|node| members[node.about.member].name == *wanted);
         }
         let pipeline = args.member.clone().unwrap_or(pipeline);
-        Ok(Self { store, kinds, run, pipeline, nodes })
+        Ok(Self { store: global.store()?, kinds, run, pipeline, nodes })
     }
 
     fn lacks(&self, what: &str, files: &str) -> Error {
@@ -183,33 +179,35 @@ impl<'a> OneRun<'a> {
 
     /// The finished nodes of rounds that made latent maps. Where several stages make them, those of the first.
     fn maps(&self) -> Vec<&NodeRecord> {
-        let makes =
-            |node: &NodeRecord| self.kinds.iter().any(|kind| kind.name == node.kind && kind.output == LatentMap::TYPE);
-        let done = self.nodes.iter().filter(|node| node.round.is_some() && makes(node) && is_done(node));
+        let makes = |node: &NodeRecord| {
+            self.kinds.iter().any(|kind| kind.name == node.about.work.kind && kind.output == LatentMap::TYPE)
+        };
+        let done = self.nodes.iter().filter(|node| node.about.round.is_some() && makes(node) && is_done(node));
         let mut maps: Vec<&NodeRecord> = done.collect();
-        if let Some(first) = maps.first().map(|node| node.stage.clone()) {
-            maps.retain(|node| node.stage == first);
+        if let Some(first) = maps.first().map(|node| node.about.stage.clone()) {
+            maps.retain(|node| node.about.stage == first);
         }
         maps
     }
 
     /// The latent maps of one point: the wanted one, else the first.
     fn latent_maps(&self, maps: &[&NodeRecord], wanted: &[(String, String)]) -> Result<String, Error> {
-        let fits = |node: &&&NodeRecord| wanted.iter().all(|axis| node.point.contains(axis));
+        let fits = |node: &&&NodeRecord| wanted.iter().all(|axis| node.about.point.contains(axis));
         let first = maps.iter().find(fits).ok_or_else(|| self.no_such_point(maps, wanted))?;
-        let mut rounds: Vec<&NodeRecord> = maps.iter().filter(|node| node.point == first.point).copied().collect();
-        rounds.sort_by_key(|node| node.round);
+        let mut rounds: Vec<&NodeRecord> =
+            maps.iter().filter(|node| node.about.point == first.about.point).copied().collect();
+        rounds.sort_by_key(|node| node.about.round);
         let mut panels = Vec::new();
         for at in chart::shown(rounds.len()) {
-            panels.push(Panel { round: rounds[at].round.unwrap_or_default(), map: self.load(rounds[at])? });
+            panels.push(Panel { round: rounds[at].about.round.unwrap_or_default(), map: self.load(rounds[at])? });
         }
-        let point: String = first.point.iter().map(|(path, value)| format!(", {path} {value}")).collect();
+        let point: String = first.about.point.iter().map(|(path, value)| format!(", {path} {value}")).collect();
         Ok(chart::latent_maps(&format!("{}{point}: latent space by round", self.pipeline), &panels))
     }
 
     fn no_such_point(&self, maps: &[&NodeRecord], wanted: &[(String, String)]) -> Error {
         let error = Error::usage(format!("run {} has no latent map of `{}`", self.run, point_text(wanted)));
-        let points: BTreeSet<String> = maps.iter().map(|node| point_text(&node.point)).collect();
+        let points: BTreeSet<String> = maps.iter().map(|node| point_text(&node.about.point)).collect();
         if points.iter().all(String::is_empty) {
             return error.help("its maps belong to no point; leave `--point` out");
         }
@@ -220,19 +218,20 @@ impl<'a> OneRun<'a> {
     /// Reads the map that a node made.
     fn load(&self, node: &NodeRecord) -> Result<LatentMap, Error> {
         let unreadable = |why: &str| {
-            Error::new(Exit::Store, format!("cannot read the output of `{}`: {why}", node.name))
+            Error::new(Exit::Store, format!("cannot read the output of `{}`: {why}", node.about.name))
                 .help("run the pipeline again; only what is missing runs")
         };
-        let kind = self.kinds.iter().find(|kind| kind.name == node.kind);
-        if let Some(kind) = kind.filter(|kind| kind.version != node.version) {
-            let (name, made, known) = (kind.name, node.version, kind.version);
+        let kind = self.kinds.iter().find(|kind| kind.name == node.about.work.kind);
+        if let Some(kind) = kind.filter(|kind| kind.version != node.about.work.version) {
+            let (name, made, known) = (kind.name, node.about.work.version, kind.version);
             return Err(unreadable(&format!(
                 "version {made} of `{name}` made it, this carl-pipe reads version {known}"
             )));
         }
-        let entry = node.key.map_or(Ok(None), |key| self.store.entry(key))?;
-        let entry = entry.filter(|entry| Some(entry.output) == node.output).ok_or_else(|| unreadable("it is gone"))?;
-        let files = self.store.load(&entry)?.map_err(|(file, why)| unreadable(&format!("{file}: {why}")))?;
+        let entry = node.outcome.key.map_or(Ok(None), |key| self.store.entry(key))?;
+        let entry =
+            entry.filter(|entry| Some(entry.output) == node.outcome.output).ok_or_else(|| unreadable("it is gone"))?;
+        let files = self.store.load(&entry).map_err(|error| unreadable(&error.to_string()))?;
         Ok(LatentMap::load(&files)?)
     }
 }

@@ -136,7 +136,7 @@ struct Plain {
 const LINE_EVERY: Duration = Duration::from_secs(10);
 
 impl Listener for Plain {
-    fn hear(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         if self.only_warnings && !matches!(event, Event::Warning { .. }) {
             return;
         }
@@ -270,7 +270,7 @@ fn style(template: &str) -> ProgressStyle {
 }
 
 impl Listener for Bars {
-    fn hear(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         let nodes = self.state().whole.length().unwrap_or_default() as usize;
         if let Some(text) = sentence(event, self.paint, Talk::of(self.verbose, nodes)) {
             let _ = self.all.println(text);

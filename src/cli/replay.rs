@@ -18,7 +18,7 @@ use crate::{
         runs,
     },
     stage::Kind,
-    store::Store,
+    store::ResultStore,
 };
 
 /// The arguments of `replay`.
@@ -41,15 +41,15 @@ pub(crate) struct Args {
 struct Quiet(Box<dyn Progress>);
 
 impl Listener for Quiet {
-    fn hear(&self, event: &Event) {
-        self.0.hear(event);
+    fn on_event(&self, event: &Event) {
+        self.0.on_event(event);
     }
 }
 
 /// Replays a run.
 pub(crate) fn replay(global: &Global, args: &Args, kinds: &'static [Kind]) -> Result<Exit, Error> {
     let store = global.store()?;
-    let run_dir = runs::find(&store.runs(), &args.run).map_err(|error| Error::usage(error.to_string()))?;
+    let run_dir = runs::find(&global.runs(), &args.run).map_err(|error| Error::usage(error.to_string()))?;
     let manifest = Manifest::read(&run_dir)?;
     let scratch = tempfolder(&store, &manifest.run)?;
     let stop = Stop::listen()?;
@@ -57,8 +57,7 @@ pub(crate) fn replay(global: &Global, args: &Args, kinds: &'static [Kind]) -> Re
     let options = Options { jobs: args.jobs.unwrap_or(defaults.jobs), stop: stop.flag.clone(), ..defaults };
     let listener = Quiet(progress::new(args.progress.resolve(args.json, global.quiet), global, stop));
     let find = |name: &str| kinds.iter().find(|kind| kind.name == name);
-    let result =
-        Store::open(&scratch).and_then(|empty| replay_run(&manifest, &store, &empty, &options, &find, &listener));
+    let result = replay_run(&manifest, &store, &scratch, &options, &find, &listener);
     listener.0.close();
     let _ = std::fs::remove_dir_all(&scratch);
     let replayed = result?;
@@ -72,8 +71,8 @@ pub(crate) fn replay(global: &Global, args: &Args, kinds: &'static [Kind]) -> Re
 }
 
 /// A folder for the empty store, in the file system of the full one; what a killed replay leaves is swept with it.
-fn tempfolder(store: &Store, run: &str) -> Result<std::path::PathBuf, Error> {
-    let folder = store.temporary().join(format!("replay-{run}-{}", std::process::id()));
+fn tempfolder(store: &dyn ResultStore, run: &str) -> Result<std::path::PathBuf, Error> {
+    let folder = store.scratch().join(format!("replay-{run}-{}", std::process::id()));
     std::fs::create_dir(&folder)
         .map_err(|error| Error::new(Exit::Store, format!("cannot make {}: {error}", folder.display())))?;
     Ok(folder)
@@ -101,7 +100,7 @@ fn show(manifest: &Manifest, replayed: &Replayed, json: bool, global: &Global) {
         ));
     }
     for node in replayed.report.nodes.iter().filter_map(|node| Some((node, node.failure.as_ref()?))) {
-        out::line(&format!("{} {} failed: {}", paint.red("error:"), node.0.name, node.1.text));
+        out::line(&format!("{} {} failed: {}", paint.red("error:"), node.0.record.about.name, node.1.text()));
     }
     let text = match &replayed.differences[..] {
         [] => format!("{} nodes of run {} gave the same outputs and recordings", replayed.equal, manifest.run),

@@ -18,7 +18,7 @@ use crate::{
     record::Sink,
     run::{
         events::{Event, Listener, RunState},
-        execute::{self, Options, Order},
+        execute::{self, Failure, Options, Order},
         plan::{Force, plan},
         why::History,
     },
@@ -85,7 +85,7 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
     let store = global.store()?;
     if args.dry_run {
         let plan = plan(graph, &wanted, &store, &force)?;
-        let mut history = History::new(&store.runs());
+        let mut history = History::new(&global.runs());
         status::show(graph, &plan, &mut history, args.json, global);
         return Ok(Exit::Ok);
     }
@@ -100,9 +100,9 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
         json: args.json,
         view: args.rerun.clone().map(|sink| LiveView::new(sink, &store)),
     };
-    let report = execute::run(&store, &order, &options, &audience)?;
+    let report = execute::run(&store, &global.runs(), &order, &options, &audience)?;
     if let Some(text) = audience.view.as_ref().and_then(LiveView::close) {
-        audience.progress.hear(&Event::Warning { node: None, text });
+        audience.progress.on_event(&Event::Warning { node: None, text });
     }
     audience.progress.close();
     let end = summary::End::of(&report, graph, &store, kinds);
@@ -114,8 +114,8 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
         RunState::Finished => Exit::Ok,
         RunState::Interrupted | RunState::Running => Exit::Interrupted,
         RunState::Failed => {
-            let is_store = report.nodes.iter().filter_map(|node| node.failure.as_ref()).any(|failure| failure.is_store);
-            if is_store { Exit::Store } else { Exit::StageFailed }
+            let mut failures = report.nodes.iter().filter_map(|node| node.failure.as_ref());
+            if failures.any(|failure| matches!(failure, Failure::System(_))) { Exit::Store } else { Exit::StageFailed }
         }
     })
 }
@@ -140,15 +140,15 @@ struct Audience {
 }
 
 impl Listener for Audience {
-    fn hear(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         if self.json
             && let Ok(line) = serde_json::to_string(event)
         {
             out::line(&line);
         }
-        self.progress.hear(event);
-        if let Some(warning) = self.view.as_ref().and_then(|view| view.hear(event)) {
-            self.progress.hear(&Event::Warning { node: None, text: warning });
+        self.progress.on_event(event);
+        if let Some(warning) = self.view.as_ref().and_then(|view| view.on_event(event)) {
+            self.progress.on_event(&Event::Warning { node: None, text: warning });
         }
     }
 }

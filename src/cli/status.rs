@@ -42,7 +42,7 @@ pub(crate) fn status(global: &Global, args: &Args, kinds: &'static [Kind]) -> Re
     let wanted = file::pick(&loaded.graph, &args.targets)?;
     let store = global.store()?;
     let plan = plan(&loaded.graph, &wanted, &store, &Force::None)?;
-    show(&loaded.graph, &plan, &mut History::new(&store.runs()), args.json, global);
+    show(&loaded.graph, &plan, &mut History::new(&global.runs()), args.json, global);
     let is_fresh = plan.iter().flatten().all(|state| matches!(state, State::Hit(..)));
     Ok(if is_fresh { Exit::Ok } else { Exit::Stale })
 }

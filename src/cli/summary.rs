@@ -21,12 +21,12 @@ use crate::{
     },
     run::{
         events::{NodeState, RunState},
-        execute::{NodeReport, Report},
+        execute::{Failure, NodeReport, Report},
         manifest::Manifest,
         runs::file_name,
     },
     stage::Kind,
-    store::Store,
+    store::ResultStore,
 };
 
 /// With more nodes than this, the closing table has one row for each stage.
@@ -46,7 +46,7 @@ pub(crate) struct End<'a> {
 
 impl<'a> End<'a> {
     /// Reads what a run reached; nothing where its manifest or the store cannot be read.
-    pub(crate) fn of(report: &'a Report, graph: &'a Graph, store: &Store, kinds: &'a [Kind]) -> Self {
+    pub(crate) fn of(report: &'a Report, graph: &'a Graph, store: &dyn ResultStore, kinds: &'a [Kind]) -> Self {
         let manifest = Manifest::read(&report.path).ok();
         let headline = manifest.as_ref().and_then(|manifest| headline(manifest, kinds));
         let all = manifest.map_or_else(Vec::new, |manifest| outcomes(&manifest, kinds));
@@ -60,13 +60,14 @@ impl<'a> End<'a> {
     pub(crate) fn json(&self) -> Value {
         let report = self.report;
         let node = |node: &NodeReport| {
-            let error = node.failure.as_ref().map(|failure| &failure.text);
+            let error = node.failure.as_ref().map(Failure::text);
             json!({
-                "state": node.state, "digest": node.digest, "recording": node.recording, "secs": node.secs,
-                "figures": node.metrics, "error": error,
+                "state": node.record.outcome.state, "digest": node.record.outcome.output, "recording": node.record.outcome.recording, "secs": node.worked_secs,
+                "figures": node.record.outcome.metrics, "error": error,
             })
         };
-        let nodes: Map<String, Value> = report.nodes.iter().map(|it| (it.name.clone(), node(it))).collect();
+        let nodes: Map<String, Value> =
+            report.nodes.iter().map(|it| (it.record.about.name.clone(), node(it))).collect();
         let headline = self.headline;
         json!({
             "version": 1,
@@ -88,7 +89,7 @@ impl<'a> End<'a> {
             self.print_tables(global);
         }
         let (report, paint) = (self.report, global.color.on_stderr());
-        for node in report.nodes.iter().filter(|node| node.state == NodeState::Failed) {
+        for node in report.nodes.iter().filter(|node| node.record.outcome.state == NodeState::Failed) {
             out::note(&self.failure(node, paint));
         }
         if report.state == RunState::Interrupted {
@@ -100,7 +101,7 @@ impl<'a> End<'a> {
 
     fn print_tables(&self, global: &Global) {
         let (report, paint) = (self.report, global.color.on_stdout());
-        let ran_any = report.nodes.iter().any(|node| node.state != NodeState::Cached);
+        let ran_any = report.nodes.iter().any(|node| node.record.outcome.state != NodeState::Cached);
         if (ran_any && !global.quiet) || global.verbose {
             out::print(&out::table(&self.rows(paint)));
         }
@@ -140,33 +141,38 @@ impl<'a> End<'a> {
         let nodes = &self.report.nodes;
         if nodes.len() <= ROWS {
             let row = |node: &NodeReport| {
-                vec![node.name.clone(), painted(node.state, paint), time(node.secs), self.metric_of(node)]
+                vec![
+                    node.record.about.name.clone(),
+                    painted(node.record.outcome.state, paint),
+                    time(node.worked_secs),
+                    self.metric_of(node),
+                ]
             };
             return nodes.iter().map(row).collect();
         }
         let is_suite = self.graph.is_suite();
         let name = |node: &&NodeReport| {
-            let stage = node.stage.as_str();
+            let stage = node.record.about.stage.as_str();
             if is_suite { stage.split('/').next().unwrap_or(stage).to_owned() } else { stage.to_owned() }
         };
         grouped(nodes, name).iter().map(|(name, nodes)| self.group_row(name, nodes, is_suite, paint)).collect()
     }
 
     fn group_row(&self, name: &str, nodes: &[&NodeReport], is_member: bool, paint: Paint) -> Vec<String> {
-        let count = |state| nodes.iter().filter(|node| node.state == state).count();
+        let count = |state| nodes.iter().filter(|node| node.record.outcome.state == state).count();
         let counts = STATES.iter().map(|it| (it, count(*it))).filter(|(_, count)| *count > 0);
         let states: Vec<String> = counts.map(|(it, count)| format!("{} {count}", painted(*it, paint))).collect();
-        let last = nodes.iter().rev().find(|node| !node.metrics.is_empty() && !is_member);
+        let last = nodes.iter().rev().find(|node| !node.record.outcome.metrics.is_empty() && !is_member);
         let metric = last.map_or_else(String::new, |node| self.metric_of(node));
-        let secs: f64 = nodes.iter().map(|node| node.secs).sum();
+        let secs: f64 = nodes.iter().map(|node| node.worked_secs).sum();
         vec![format!("{name} x{}", nodes.len()), states.join(", "), time(secs), metric]
     }
 
     /// A headline metric where the node has one, else its first metric.
     fn metric_of(&self, node: &NodeReport) -> String {
         let mut headlines = self.kinds.iter().filter_map(|kind| kind.headline);
-        let first = headlines.find_map(|name| node.metrics.get_key_value(name));
-        let first = first.or_else(|| node.metrics.first_key_value());
+        let first = headlines.find_map(|name| node.record.outcome.metrics.get_key_value(name));
+        let first = first.or_else(|| node.record.outcome.metrics.first_key_value());
         first.map_or_else(String::new, |(name, value)| format!("{name} {}", out::number(*value)))
     }
 
@@ -181,10 +187,10 @@ impl<'a> End<'a> {
     }
 
     fn failure(&self, node: &NodeReport, paint: Paint) -> String {
-        let text = node.failure.as_ref().map_or_else(String::new, |failure| out::tidy(&failure.text));
-        let kind = self.graph.nodes.iter().find(|it| it.name == node.name).map_or("", |it| it.kind.name);
-        let mut lines = vec![format!("{} {} ({kind}) failed: {text}", paint.red("error:"), node.name)];
-        let recording = self.report.path.join("live").join(format!("{}.mcap", file_name(&node.name)));
+        let text = node.failure.as_ref().map_or_else(String::new, |failure| out::tidy(failure.text()));
+        let kind = self.graph.nodes.iter().find(|it| it.name == node.record.about.name).map_or("", |it| it.kind.name);
+        let mut lines = vec![format!("{} {} ({kind}) failed: {text}", paint.red("error:"), node.record.about.name)];
+        let recording = self.report.path.join("live").join(format!("{}.mcap", file_name(&node.record.about.name)));
         if recording.exists() {
             lines.push(format!("  = what it recorded until then: {}", recording.display()));
         }

@@ -1,6 +1,6 @@
 //! `carl-pipe table`: shows what runs reached, in rows and columns, beside the paper's numbers.
 
-use std::collections::BTreeSet;
+use std::{collections::BTreeSet, path::Path};
 
 use super::{
     Global,
@@ -16,7 +16,6 @@ use crate::{
     },
     run::{manifest::Manifest, runs},
     stage::Kind,
-    store::Store,
 };
 
 /// The arguments of `table`.
@@ -70,7 +69,7 @@ enum Format {
 /// Prints a table.
 pub(crate) fn table(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit, Error> {
     let store = global.store()?;
-    let mut all = all_outcomes(&store, &args.runs, kinds)?;
+    let mut all = all_outcomes(&global.runs(), &args.runs, kinds)?;
     let by_round = args.all_rounds || [&args.rows, &args.cols].iter().any(|field| *field == "round");
     all.retain(|outcome| outcome.is_last || by_round);
     let Some(first) = all.first() else {
@@ -106,10 +105,10 @@ pub(crate) fn text(rows: Rows, paint: Paint) -> String {
 }
 
 /// The outcomes of runs, newest run first, so that the newest of equal outcomes counts.
-pub(crate) fn all_outcomes(store: &Store, wanted: &[String], kinds: &[Kind]) -> Result<Vec<Outcome>, Error> {
+pub(crate) fn all_outcomes(all: &Path, wanted: &[String], kinds: &[Kind]) -> Result<Vec<Outcome>, Error> {
     let mut folders = Vec::new();
     for run in wanted {
-        folders.push(runs::find(&store.runs(), run).map_err(|error| Error::usage(error.to_string()))?);
+        folders.push(runs::find(all, run).map_err(|error| Error::usage(error.to_string()))?);
     }
     let mut manifests = Vec::new();
     for folder in &folders {

@@ -54,7 +54,7 @@ impl Watcher for Onlooker {
 
 /// Opens a view.
 pub(crate) fn view(global: &Global, args: &Args) -> Result<Exit, Error> {
-    let all = global.artifacts.join("runs");
+    let all = global.runs();
     let find = |what: &String| {
         if Path::new(what).exists() {
             return Ok(PathBuf::from(what));

@@ -37,7 +37,7 @@ pub(crate) fn why(global: &Global, args: &Args, kinds: &'static [Kind]) -> Resul
     let wanted = file::pick(graph, std::slice::from_ref(&args.node))?;
     let store = global.store()?;
     let plan = plan(graph, &wanted, &store, &Force::None)?;
-    let mut history = History::new(&store.runs());
+    let mut history = History::new(&global.runs());
     let named = (0..graph.nodes.len()).filter(|&id| graph.is_named(id, &args.node));
     for id in named {
         let Some(reason) = reason(graph, &plan, id, &mut history) else { continue };
@@ -58,7 +58,7 @@ pub(crate) fn why(global: &Global, args: &Args, kinds: &'static [Kind]) -> Resul
 fn told(graph: &Graph, plan: &Plan, id: NodeId, reason: &Reason, global: &Global) -> String {
     let paint = global.color.on_stdout();
     let name = paint.bold(&graph.nodes[id].name);
-    let changed = |changes: &[crate::run::key::Change]| -> String {
+    let changed = |changes: &[crate::run::changes::Change]| -> String {
         changes.iter().map(|change| format!("{name}: {change}\n")).collect()
     };
     let mut text = match reason {

@@ -10,3 +10,7 @@ mod threads;
 
 pub use real::Real;
 pub use threads::{Threads, join};
+
+/// The arithmetic that all results of this build depend on. It is a constant, whatever processor runs the program. The
+/// key of every node holds it.
+pub const PLATFORM: &str = "x86_64-fma-1";

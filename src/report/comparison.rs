@@ -14,11 +14,12 @@ use crate::{
     num::stats::{self, Difference, Summary},
     pipeline::Member,
     run::{
-        key::{self, Change},
-        manifest::{Manifest, NodeRecord},
+        changes::{self, Change},
+        manifest::Manifest,
+        node::NodeRecord,
     },
     stage::Kind,
-    store::Store,
+    store::ResultStore,
 };
 
 /// The differences between two runs.
@@ -78,7 +79,12 @@ pub struct Outputs {
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn compare(runs: [Manifest; 2], metric: &str, store: &Store, kinds: &[Kind]) -> anyhow::Result<Comparison> {
+pub fn compare(
+    runs: [Manifest; 2],
+    metric: &str,
+    store: &dyn ResultStore,
+    kinds: &[Kind],
+) -> anyhow::Result<Comparison> {
     let [mut before, mut after] = runs;
     // A member of a suite is compared with the same member, or with the pipeline where that ran alone.
     let is_suite = |manifest: &Manifest| manifest.members.iter().any(|member| !member.name.is_empty());
@@ -110,8 +116,8 @@ struct Place {
 
 impl Place {
     fn of(manifest: &Manifest, node: &NodeRecord) -> Self {
-        let stage = format!("{}/{}", name_of(&manifest.members[node.member]), without_member(&node.stage));
-        Self { stage, round: node.round, point: without_seed(node) }
+        let stage = format!("{}/{}", name_of(&manifest.members[node.about.member]), without_member(&node.about.stage));
+        Self { stage, round: node.about.round, point: without_seed(node) }
     }
 }
 
@@ -127,7 +133,7 @@ fn parameters(before: &Manifest, after: &Manifest) -> Vec<Changed> {
     for node in &after.nodes {
         let place = Place::of(after, node);
         let Some(old) = known.get(&place).filter(|_| seen.insert(place.clone())) else { continue };
-        for change in key::changes(&own(before, old), &own(after, node)) {
+        for change in changes::between(&own(before, old), &own(after, node)) {
             let at = changed.iter().position(|it| it.stage == place.stage && it.change == change);
             let at = at.unwrap_or_else(|| {
                 changed.push(Changed { stage: place.stage.clone(), change, rounds: Vec::new() });
@@ -152,7 +158,12 @@ fn own(manifest: &Manifest, node: &NodeRecord) -> Value {
 
 /// The metric of what both runs measured in their last rounds. Where each run has one series, of the same task, the two
 /// are compared whatever their names.
-fn metrics(manifests: [&Manifest; 2], metric: &str, store: &Store, kinds: &[Kind]) -> anyhow::Result<Vec<Metric>> {
+fn metrics(
+    manifests: [&Manifest; 2],
+    metric: &str,
+    store: &dyn ResultStore,
+    kinds: &[Kind],
+) -> anyhow::Result<Vec<Metric>> {
     let of = |manifest: &Manifest| {
         let finals = outcomes(manifest, kinds).into_iter().filter(|outcome| outcome.is_last).collect();
         pooled(finals, metric, true, store)
@@ -199,14 +210,18 @@ fn difference(before: &Series, after: &Series) -> Option<Difference> {
 
 fn outputs(before: &Manifest, after: &Manifest) -> Outputs {
     let name = |manifest: &Manifest, node: &NodeRecord| {
-        (name_of(&manifest.members[node.member]).clone(), without_member(&node.name).to_owned(), node.stream.seed)
+        (
+            name_of(&manifest.members[node.about.member]).clone(),
+            without_member(&node.about.name).to_owned(),
+            node.about.work.stream.seed,
+        )
     };
-    let known: BTreeMap<_, _> = before.nodes.iter().map(|node| (name(before, node), node.output)).collect();
+    let known: BTreeMap<_, _> = before.nodes.iter().map(|node| (name(before, node), node.outcome.output)).collect();
     let mut outputs = Outputs::default();
     for node in &after.nodes {
-        match (known.get(&name(after, node)), node.output) {
+        match (known.get(&name(after, node)), node.outcome.output) {
             (Some(Some(old)), Some(new)) if *old == new => outputs.equal += 1,
-            (Some(Some(_)), Some(_)) => outputs.differ.push(node.name.clone()),
+            (Some(Some(_)), Some(_)) => outputs.differ.push(node.about.name.clone()),
             (Some(_), _) => outputs.unfinished += 1,
             (None, _) => {}
         }

@@ -3,7 +3,7 @@
 use super::outcomes::is_done;
 use crate::{
     num::stats,
-    run::manifest::{Manifest, NodeRecord},
+    run::{manifest::Manifest, node::NodeRecord},
     stage::Kind,
 };
 
@@ -23,19 +23,21 @@ pub struct Headline {
 /// `None` where no final result is finished, or where final results differ in more than their seed: a mean over unlike
 /// tasks, stages or parameters would mean nothing.
 pub fn headline(manifest: &Manifest, kinds: &[Kind]) -> Option<Headline> {
-    let metric_of = |node: &NodeRecord| kinds.iter().find(|kind| kind.name == node.kind)?.headline;
+    let metric_of = |node: &NodeRecord| kinds.iter().find(|kind| kind.name == node.about.work.kind)?.headline;
     let finals: Vec<&NodeRecord> =
-        manifest.nodes.iter().filter(|node| node.is_last && metric_of(node).is_some()).collect();
+        manifest.nodes.iter().filter(|node| node.about.is_last && metric_of(node).is_some()).collect();
     let metric = metric_of(finals.first()?)?;
     if !finals.windows(2).all(|pair| differ_by_seed_alone(pair[0], pair[1])) {
         return None;
     }
     let done = finals.iter().filter(|node| is_done(node));
-    let values: Vec<f64> = done.filter_map(|node| node.metrics.get(metric).copied()).collect();
+    let values: Vec<f64> = done.filter_map(|node| node.outcome.metrics.get(metric).copied()).collect();
     (!values.is_empty()).then(|| Headline { metric, mean: stats::mean(&values), models: values.len() })
 }
 
 fn differ_by_seed_alone(one: &NodeRecord, other: &NodeRecord) -> bool {
-    let point = |node: &NodeRecord| node.point.iter().filter(|(axis, _)| axis != "seed").cloned().collect::<Vec<_>>();
-    (one.member, &one.stage, &one.task, point(one)) == (other.member, &other.stage, &other.task, point(other))
+    let point =
+        |node: &NodeRecord| node.about.point.iter().filter(|(axis, _)| axis != "seed").cloned().collect::<Vec<_>>();
+    (one.about.member, &one.about.stage, &one.about.work.task, point(one))
+        == (other.about.member, &other.about.stage, &other.about.work.task, point(other))
 }

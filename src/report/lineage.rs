@@ -8,7 +8,7 @@ use super::outcomes::{without_samples, without_seed};
 use crate::{
     digest::{self, Digest},
     node_name::without_member,
-    run::manifest::{Manifest, NodeRecord},
+    run::{manifest::Manifest, node::NodeRecord},
     stage::Kind,
 };
 
@@ -24,7 +24,7 @@ pub(super) struct Lineage<'a> {
 
 impl<'a> Lineage<'a> {
     pub(super) fn new(manifest: &'a Manifest, kinds: &'a [Kind]) -> Self {
-        let by_name = manifest.nodes.iter().enumerate().map(|(id, node)| (node.name.as_str(), id)).collect();
+        let by_name = manifest.nodes.iter().enumerate().map(|(id, node)| (node.about.name.as_str(), id)).collect();
         Self { manifest, kinds, by_name }
     }
 
@@ -32,7 +32,7 @@ impl<'a> Lineage<'a> {
     pub(super) fn upstream(&self, id: usize) -> BTreeSet<usize> {
         let (mut found, mut open) = (BTreeSet::from([id]), vec![id]);
         while let Some(id) = open.pop() {
-            for source in self.manifest.nodes[id].inputs.values().flatten() {
+            for source in self.manifest.nodes[id].about.inputs.values().flatten() {
                 if let Some(&source) = self.by_name.get(source.as_str())
                     && found.insert(source)
                 {
@@ -45,11 +45,12 @@ impl<'a> Lineage<'a> {
 
     /// The number of transitions made upstream. Nodes with equal keys count once, since they were sampled once.
     pub(super) fn samples(&self, upstream: &BTreeSet<usize>) -> u64 {
-        let makes = |node: &NodeRecord| self.kinds.iter().any(|it| it.name == node.kind && it.output == TRANSITIONS);
+        let makes =
+            |node: &NodeRecord| self.kinds.iter().any(|it| it.name == node.about.work.kind && it.output == TRANSITIONS);
         let mut counted = BTreeSet::new();
         let data = upstream.iter().map(|&id| &self.manifest.nodes[id]).filter(|node| makes(node));
-        data.filter(|node| node.key.is_none_or(|key| counted.insert(key)))
-            .filter_map(|node| node.params["samples"].as_u64())
+        data.filter(|node| node.outcome.key.is_none_or(|key| counted.insert(key)))
+            .filter_map(|node| node.about.work.params["samples"].as_u64())
             .sum()
     }
 
@@ -57,19 +58,19 @@ impl<'a> Lineage<'a> {
     pub(super) fn recipe(&self, upstream: &BTreeSet<usize>) -> Digest {
         let place = |name: &String| {
             let node = self.by_name.get(name.as_str()).map(|&id| &self.manifest.nodes[id]);
-            node.map(|node| json!([without_member(&node.stage), node.round]))
+            node.map(|node| json!([without_member(&node.about.stage), node.about.round]))
         };
         let step = |node: &NodeRecord| {
             let inputs: BTreeMap<&String, Vec<_>> =
-                node.inputs.iter().map(|(port, names)| (port, names.iter().map(place).collect())).collect();
+                node.about.inputs.iter().map(|(port, names)| (port, names.iter().map(place).collect())).collect();
             digest::canonical(&json!([
-                without_member(&node.stage),
-                node.round,
-                node.kind,
-                node.version,
-                node.params,
-                node.task,
-                node.stream.stream,
+                without_member(&node.about.stage),
+                node.about.round,
+                node.about.work.kind,
+                node.about.work.version,
+                node.about.work.params,
+                node.about.work.task,
+                node.about.work.stream.stream,
                 inputs
             ]))
         };
@@ -82,12 +83,19 @@ impl<'a> Lineage<'a> {
         let own = without_samples(without_seed(node));
         let is_beside = |other: &&NodeRecord| {
             let differs = |(axis, value): &(String, String)| own.iter().any(|(mine, it)| mine == axis && it != value);
-            other.member == node.member && other.task == node.task && !without_seed(other).iter().any(differs)
+            other.about.member == node.about.member
+                && other.about.work.task == node.about.work.task
+                && !without_seed(other).iter().any(differs)
         };
         let step = |node: &NodeRecord| {
-            let mut params = node.params.clone();
+            let mut params = node.about.work.params.clone();
             params.as_object_mut().map(|table| table.remove("samples"));
-            digest::canonical(&json!([without_member(&node.stage), node.kind, node.version, params]))
+            digest::canonical(&json!([
+                without_member(&node.about.stage),
+                node.about.work.kind,
+                node.about.work.version,
+                params
+            ]))
         };
         let steps: BTreeSet<String> = self.manifest.nodes.iter().filter(is_beside).map(step).collect();
         Digest::of_json(&json!(steps))

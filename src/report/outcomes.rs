@@ -11,12 +11,9 @@ use crate::{
     env::{Protocol, Task},
     node_name::without_member,
     pipeline::Member,
-    run::{
-        events::NodeState,
-        manifest::{Manifest, NodeRecord},
-    },
+    run::{events::NodeState, manifest::Manifest, node::NodeRecord},
     stage::{Kind, Preset, PresetOf},
-    store::Store,
+    store::{self, ResultStore},
 };
 
 /// One result of one model: what a stage whose kind declares a headline metric measured.
@@ -62,7 +59,7 @@ pub struct Outcome {
 
 /// Whether a node has a result.
 pub fn is_done(node: &NodeRecord) -> bool {
-    matches!(node.state, NodeState::Ran | NodeState::Cached)
+    matches!(node.outcome.state, NodeState::Ran | NodeState::Cached)
 }
 
 /// Every finished result of a run, in the order of its nodes.
@@ -70,7 +67,7 @@ pub fn outcomes(manifest: &Manifest, kinds: &[Kind]) -> Vec<Outcome> {
     let lineage = Lineage::new(manifest, kinds);
     let done = manifest.nodes.iter().enumerate().filter(|(_, node)| is_done(node));
     done.filter_map(|(id, node)| {
-        let kind = kinds.iter().find(|kind| kind.name == node.kind)?;
+        let kind = kinds.iter().find(|kind| kind.name == node.about.work.kind)?;
         Some(outcome(manifest, &lineage, id, kind, kind.headline?))
     })
     .collect()
@@ -83,20 +80,20 @@ fn outcome(manifest: &Manifest, lineage: &Lineage<'_>, id: usize, kind: &Kind, h
         headline,
         run: manifest.run.clone(),
         commit: manifest.commit.clone(),
-        member: manifest.members[node.member].clone(),
-        node: node.name.clone(),
-        stage: without_member(&node.stage).to_owned(),
-        seed: node.stream.seed,
+        member: manifest.members[node.about.member].clone(),
+        node: node.about.name.clone(),
+        stage: without_member(&node.about.stage).to_owned(),
+        seed: node.about.work.stream.seed,
         point: without_seed(node),
-        round: node.round,
-        is_last: node.is_last,
-        task: node.task.clone(),
+        round: node.about.round,
+        is_last: node.about.is_last,
+        task: node.about.work.task.clone(),
         ceiling: ceiling(node, kind),
         samples: lineage.samples(&upstream),
         recipe: lineage.recipe(&upstream),
         family: lineage.family(node),
-        key: node.key,
-        output: node.output,
+        key: node.outcome.key,
+        output: node.outcome.output,
         metrics: metrics(manifest, node),
     }
 }
@@ -105,24 +102,25 @@ fn outcome(manifest: &Manifest, lineage: &Lineage<'_>, id: usize, kind: &Kind, h
 /// parameters but the free ones.
 fn ceiling(node: &NodeRecord, kind: &Kind) -> Option<f64> {
     const FREE: [&str; 4] = ["controller", "episodes", "start", "unstick"];
-    let params = node.params.as_object()?;
-    let own = (kind.preset)(&PresetOf { preset: Preset::Recipe, task: &node.task, given: params });
+    let params = node.about.work.params.as_object()?;
+    let own = (kind.preset)(&PresetOf { preset: Preset::Recipe, task: &node.about.work.task, given: params });
     let is_own = params.iter().all(|(name, value)| FREE.contains(&name.as_str()) || own[name] == *value);
     let radius = params.get("radius")?.as_f64()?;
     let start = params.get("start").and_then(|start| serde_json::from_value(start.clone()).ok()).unwrap_or_default();
-    node.task.ceiling(Protocol { radius, start }).filter(|_| is_own)
+    node.about.work.task.ceiling(Protocol { radius, start }).filter(|_| is_own)
 }
 
 /// The metrics of a node, and those of other stages in its round at its point.
 fn metrics(manifest: &Manifest, node: &NodeRecord) -> BTreeMap<String, f64> {
-    let mut metrics = node.metrics.clone();
+    let mut metrics = node.outcome.metrics.clone();
     let is_beside = |other: &&NodeRecord| {
-        (other.member, &other.point, other.round) == (node.member, &node.point, node.round)
+        (other.about.member, &other.about.point, other.about.round)
+            == (node.about.member, &node.about.point, node.about.round)
             && is_done(other)
-            && other.name != node.name
+            && other.about.name != node.about.name
     };
     for other in manifest.nodes.iter().filter(is_beside) {
-        for (name, value) in &other.metrics {
+        for (name, value) in &other.outcome.metrics {
             metrics.entry(name.clone()).or_insert(*value);
         }
     }
@@ -131,7 +129,7 @@ fn metrics(manifest: &Manifest, node: &NodeRecord) -> BTreeMap<String, f64> {
 
 /// The values of the axes of a node's matrix except the seed.
 pub(super) fn without_seed(node: &NodeRecord) -> Vec<(String, String)> {
-    node.point.iter().filter(|(axis, _)| axis != "seed").cloned().collect()
+    node.about.point.iter().filter(|(axis, _)| axis != "seed").cloned().collect()
 }
 
 /// A point without the axes that only set the number of samples.
@@ -149,7 +147,7 @@ impl Outcome {
     ///
     /// # Errors
     /// The store cannot be read.
-    pub fn metric(&self, name: &str, store: &Store) -> anyhow::Result<Option<f64>> {
+    pub fn metric(&self, name: &str, store: &dyn ResultStore) -> anyhow::Result<Option<f64>> {
         if name == "samples" {
             return Ok(Some(self.samples as f64));
         }
@@ -158,9 +156,13 @@ impl Outcome {
         }
         let entry = self.key.map_or(Ok(None), |key| store.entry(key))?;
         let Some(entry) = entry.filter(|entry| Some(entry.output) == self.output) else { return Ok(None) };
-        let Ok(files) = store.load(&entry)? else { return Ok(None) };
+        let files = match store.load(&entry) {
+            Ok(files) => files,
+            Err(store::Error::Unusable { .. }) => return Ok(None),
+            Err(error) => return Err(error.into()),
+        };
         let texts = files.iter().filter(|(name, _)| name.ends_with(".json")).map(|(_, bytes)| bytes);
-        let values = texts.filter_map(|bytes| serde_json::from_slice::<Value>(bytes).ok());
+        let values = texts.filter_map(|bytes| serde_json::from_slice::<Value>(&bytes.bytes().ok()?).ok());
         Ok(values.filter_map(|value| value.get(name)?.as_f64()).next())
     }
 

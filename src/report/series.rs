@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{groups::grouped, outcomes::Outcome};
-use crate::{digest::Digest, num::stats::Summary, store::Store};
+use crate::{digest::Digest, num::stats::Summary, store::ResultStore};
 
 /// Models that differ by their seeds alone, with their values of one metric.
 #[derive(Debug, Clone)]
@@ -21,7 +21,12 @@ pub struct Series {
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn pooled(outcomes: Vec<Outcome>, metric: &str, over_seeds: bool, store: &Store) -> anyhow::Result<Vec<Series>> {
+pub fn pooled(
+    outcomes: Vec<Outcome>,
+    metric: &str,
+    over_seeds: bool,
+    store: &dyn ResultStore,
+) -> anyhow::Result<Vec<Series>> {
     let mut all = Vec::new();
     for (_, group) in grouped(outcomes, |outcome| Identity::of(outcome, over_seeds)) {
         let mut by_seed = BTreeMap::new();
@@ -86,7 +91,7 @@ impl Series {
     ///
     /// # Errors
     /// The store cannot be read.
-    pub fn summary_of(&self, metric: &str, store: &Store) -> anyhow::Result<Option<Summary>> {
+    pub fn summary_of(&self, metric: &str, store: &dyn ResultStore) -> anyhow::Result<Option<Summary>> {
         let mut values = Vec::new();
         for outcome in &self.outcomes {
             values.extend(outcome.metric(metric, store)?);

@@ -1,9 +1,6 @@
-//! What happens in a run, as it happens: one stream that progress bars, `--json` and the live view all read.
+//! The events of a run, in the order in which they happen. Progress bars, `--json` and the live view read them.
 
-#![allow(
-    clippy::disallowed_methods,
-    reason = "wall times are kept beside a run and name its folder; no key and no result holds one"
-)]
+#![allow(clippy::disallowed_methods, reason = "an event says when it happened; no key or result holds a time")]
 
 use std::{
     collections::BTreeMap,
@@ -25,35 +22,35 @@ use crate::digest::Digest;
 pub enum Event {
     /// The first event of a run.
     RunStarted {
-        /// The run's id.
+        /// The id of the run.
         run: String,
-        /// The pipeline's name.
+        /// The name of the pipeline.
         pipeline: String,
-        /// The seed, where all nodes have the same.
+        /// The seed, if all nodes have the same.
         seed: Option<u64>,
         /// How many nodes are wanted.
         nodes: usize,
     },
-    /// A node began to work.
+    /// A node started to work.
     NodeStarted {
-        /// Which.
+        /// The name of the node.
         node: String,
-        /// What it does.
+        /// The kind of stage.
         kind: String,
-        /// Its round.
+        /// The round of the node.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         round: Option<u32>,
-        /// Where its recording grows, below the folder of the run.
+        /// Where the recording grows, below the folder of the run.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         recording: Option<String>,
     },
-    /// How far a node is; at most a few times a second.
+    /// How far a node has come; at most a few times a second.
     Progress {
-        /// Which.
+        /// The name of the node.
         node: String,
         /// Steps done.
         done: u64,
-        /// Of how many.
+        /// Steps in all.
         total: u64,
         /// A few words such as `loss 17.2`.
         note: String,
@@ -61,47 +58,47 @@ pub enum Event {
     /// A metric of a node.
     #[serde(rename = "figure")]
     Metric {
-        /// Which.
+        /// The name of the node.
         node: String,
-        /// Its round.
+        /// The round of the node.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         round: Option<u32>,
-        /// Of what.
+        /// The name of the metric.
         name: String,
-        /// How much.
+        /// Its value.
         value: f64,
     },
-    /// A sentence from a node.
+    /// A node says something to the user.
     Say {
-        /// Which.
+        /// The name of the node.
         node: String,
         /// The sentence.
         text: String,
     },
-    /// Something went wrong that stops nothing.
+    /// Something went wrong, but the run continues.
     Warning {
-        /// Where, if in a node.
+        /// The node, if it is about one.
         node: Option<String>,
-        /// What.
+        /// What went wrong.
         text: String,
     },
-    /// A node came to its end, or was found in the store.
+    /// A node ended, or its output was found in the store.
     NodeFinished {
-        /// Which.
+        /// The name of the node.
         node: String,
-        /// What it does.
+        /// The kind of stage.
         kind: String,
-        /// Its round.
+        /// The round of the node.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         round: Option<u32>,
         /// How it ended.
         state: NodeState,
-        /// How long it worked in this run.
+        /// Seconds that it worked in this run.
         secs: f64,
         /// The content digest of its output.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         digest: Option<Digest>,
-        /// Its recording, below the folder of the run.
+        /// The finished recording, below the folder of the run.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         recording: Option<String>,
         /// Its metrics.
@@ -115,13 +112,13 @@ pub enum Event {
     RunFinished {
         /// How it ended.
         state: RunState,
-        /// Nodes that ran.
+        /// Nodes that worked.
         executed: usize,
         /// Nodes found in the store.
         cached: usize,
         /// Nodes that failed.
         failed: usize,
-        /// From start to end.
+        /// Seconds from start to end.
         wall_secs: f64,
     },
 }
@@ -134,11 +131,11 @@ pub enum NodeState {
     Ran,
     /// The store had its output.
     Cached,
-    /// It went wrong; nothing is published.
+    /// It failed; nothing is published.
     Failed,
     /// The user stopped it; nothing is published.
     Stopped,
-    /// Its turn never came.
+    /// It did not start.
     Pending,
 }
 
@@ -146,7 +143,7 @@ pub enum NodeState {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RunState {
-    /// It has not; or its process was killed.
+    /// It has not ended, or its process was killed.
     Running,
     /// Every wanted node has its output.
     Finished,
@@ -156,18 +153,18 @@ pub enum RunState {
     Interrupted,
 }
 
-/// Someone who hears every event; called from the thread in which it happened.
+/// Gets every event, in the thread in which it happened.
 pub trait Listener: Sync {
-    /// Hears of an event.
-    fn hear(&self, event: &Event);
+    /// Takes an event.
+    fn on_event(&self, event: &Event);
 }
 
-/// Nobody listens.
+/// Ignores every event.
 impl Listener for () {
-    fn hear(&self, _event: &Event) {}
+    fn on_event(&self, _event: &Event) {}
 }
 
-/// Appends events to `events.jsonl` and passes them on.
+/// Writes events to `events.jsonl` and passes them on to a listener.
 pub struct Events<'a> {
     start: Instant,
     file: Mutex<Option<File>>,
@@ -181,16 +178,19 @@ impl std::fmt::Debug for Events<'_> {
 }
 
 impl<'a> Events<'a> {
-    /// A new stream in the folder of a run.
-    pub(crate) fn create(run_dir: &Path, listener: &'a dyn Listener) -> anyhow::Result<Self> {
+    /// Starts `events.jsonl` in the folder of a run.
+    ///
+    /// # Errors
+    /// The file exists already, or cannot be made.
+    pub fn create(run_dir: &Path, listener: &'a dyn Listener) -> anyhow::Result<Self> {
         let path = run_dir.join("events.jsonl");
         let file = OpenOptions::new().append(true).create_new(true).open(&path);
         let file = file.with_context(|| format!("cannot write {}", path.display()))?;
         Ok(Self { start: Instant::now(), file: Mutex::new(Some(file)), listener })
     }
 
-    /// Tells everybody.
-    pub fn tell(&self, event: &Event) {
+    /// Writes an event and passes it on.
+    pub fn emit(&self, event: &Event) {
         #[derive(Serialize)]
         struct Line<'a> {
             #[serde(flatten)]
@@ -203,21 +203,21 @@ impl<'a> Events<'a> {
         if let Ok(mut line) = serde_json::to_string(&Line { event, at }) {
             line.push('\n');
             let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            // One write per line, so that a reader never meets half of one that was not torn by a full disk.
+            // One write for each line: then a reader sees half a line only if the disk is full.
             if let Some(Err(error)) = file.as_mut().map(|file| file.write_all(line.as_bytes())) {
                 *file = None;
                 failure = Some(format!("cannot write events.jsonl, so the live view ends here: {error}"));
             }
         }
-        self.listener.hear(event);
+        self.listener.on_event(event);
         if let Some(text) = failure {
-            self.listener.hear(&Event::Warning { node: None, text });
+            self.listener.on_event(&Event::Warning { node: None, text });
         }
     }
 
-    /// Tells of something that stops nothing.
+    /// Emits a warning.
     pub fn warn(&self, node: Option<&str>, text: impl Into<String>) {
-        self.tell(&Event::Warning { node: node.map(str::to_owned), text: text.into() });
+        self.emit(&Event::Warning { node: node.map(str::to_owned), text: text.into() });
     }
 
     /// Seconds since the start of the run.

@@ -1,132 +1,51 @@
-//! Names a result before it exists: a hash over everything that can change it.
+//! Computes the key of a result before the result exists: a hash over everything that can change it.
 //!
-//! No clock, path, host, locale, thread or job count gets in here.
+//! A key holds no clock, path, host, locale, number of threads or number of jobs.
 
 use serde_json::{Map, Value, json};
 
+use super::node::Work;
 use crate::{
     digest::Digest,
     pipeline::{Node, NodeId},
+    store::Key,
 };
 
-/// The arithmetic that results depend on: a constant, never the features of the processor at hand.
-pub const PLATFORM: &str = "x86_64-fma-1";
-
-/// The name of a result: readable JSON and its digest.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Key {
-    /// Everything that can change the result.
-    pub json: Value,
-    /// The digest of `json`.
-    pub digest: Digest,
-}
-
-impl Key {
-    /// The key of a node, once the content of every input is known; `None` before.
-    pub fn of(node: &Node, content: impl Fn(NodeId) -> Option<Digest>) -> Option<Self> {
-        let mut inputs = Map::new();
-        for (port, sources) in &node.inputs {
-            // Empty ports stay out, so that a kind may gain an optional port.
-            if !sources.is_empty() {
-                let digests: Option<Vec<_>> = sources
-                    .iter()
-                    .map(|&source| content(source).map(|digest| Value::from(digest.to_string())))
-                    .collect();
-                inputs.insert(port.name.to_owned(), Value::Array(digests?));
-            }
-        }
-        let mut json = without_inputs(node);
-        json["inputs"] = Value::Object(inputs);
-        Some(Self { digest: Digest::of_json(&json), json })
+/// The key of a node, once the content of every input is known; `None` before.
+pub fn of_node(node: &Node, content: impl Fn(NodeId) -> Option<Digest>) -> Option<Key> {
+    let mut inputs = Vec::with_capacity(node.inputs.len());
+    for (port, sources) in &node.inputs {
+        let digests: Option<Vec<Digest>> = sources.iter().map(|&source| content(source)).collect();
+        inputs.push((port.name, digests?));
     }
+    Some(of_work(&Work::of(node), inputs))
 }
 
-/// What of a node's key is known before its inputs exist.
-pub fn without_inputs(node: &Node) -> Value {
+/// The key of work on inputs: each port with the content digests of its inputs.
+pub fn of_work<'a>(work: &Work, inputs: impl IntoIterator<Item = (&'a str, Vec<Digest>)>) -> Key {
+    let mut by_port = Map::new();
+    // A port without inputs stays out of the key, so that a kind may gain an optional port.
+    for (port, digests) in inputs.into_iter().filter(|(_, digests)| !digests.is_empty()) {
+        by_port.insert(port.to_owned(), digests.iter().map(|digest| Value::from(digest.to_string())).collect());
+    }
+    Key::of_json(with_inputs(work, Value::Object(by_port)))
+}
+
+/// The part of a key that is known before the inputs exist.
+pub fn without_inputs(work: &Work) -> Value {
     json!({
-        "kind": node.kind.name,
-        "version": node.kind.version,
-        "params": node.params,
-        "task": node.task,
-        "stream": node.stream,
-        "platform": PLATFORM,
+        "kind": work.kind,
+        "version": work.version,
+        "params": work.params,
+        "task": work.task,
+        "stream": work.stream,
+        "platform": work.platform,
     })
 }
 
-/// One difference between two keys.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Change {
-    /// Where: `lambda.consistency`, `task.noise`, `seed`, `input model`.
-    pub path: String,
-    /// The value before; null if there was none.
-    pub old: Value,
-    /// The value now; null if there is none.
-    pub new: Value,
-}
-
-impl std::fmt::Display for Change {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        if self.path.starts_with("input ") {
-            return match (self.old.is_null(), self.new.is_null()) {
-                (true, _) => write!(f, "{} is new", self.path),
-                (_, true) => write!(f, "{} is gone", self.path),
-                _ => write!(f, "{} has other content", self.path),
-            };
-        }
-        write!(f, "{} {} -> {}", self.path, word(&self.old), word(&self.new))
-    }
-}
-
-fn word(value: &Value) -> String {
-    match value {
-        Value::Null => "(none)".to_owned(),
-        Value::String(text) => text.clone(),
-        // As people write it: `7`, not `7.0`.
-        Value::Number(number) if number.is_f64() => number.as_f64().unwrap_or_default().to_string(),
-        other => other.to_string(),
-    }
-}
-
-/// What changed from one key to another, the node's own parameters first.
-pub fn changes(old: &Value, new: &Value) -> Vec<Change> {
-    let mut found = Vec::new();
-    for (part, prefix) in [("kind", "kind"), ("version", "version"), ("params", ""), ("task", "task"), ("stream", "")] {
-        compare(prefix, &old[part], &new[part], &mut found);
-    }
-    let none = Map::new();
-    let inputs = |key: &'_ Value| key["inputs"].as_object().unwrap_or(&none).clone();
-    let (old_inputs, new_inputs) = (inputs(old), inputs(new));
-    for port in old_inputs.keys().chain(new_inputs.keys().filter(|port| !old_inputs.contains_key(*port))) {
-        let (old, new) = (&old["inputs"][port], &new["inputs"][port]);
-        if old != new {
-            found.push(Change { path: format!("input {port}"), old: old.clone(), new: new.clone() });
-        }
-    }
-    compare("platform", &old["platform"], &new["platform"], &mut found);
-    found
-}
-
-fn compare(path: &str, old: &Value, new: &Value, found: &mut Vec<Change>) {
-    if let (Value::Object(before), Value::Object(after)) = (old, new) {
-        for name in before.keys().chain(after.keys().filter(|name| !before.contains_key(*name))) {
-            let path = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
-            compare(&path, &old[name], &new[name], found);
-        }
-    } else if old != new {
-        found.push(Change { path: path.to_owned(), old: old.clone(), new: new.clone() });
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_change_names_the_path_and_both_values() {
-        let old = json!({"kind": "train_lce", "params": {"lambda": {"consistency": 7.0}}, "inputs": {"a": ["b3:1"]}});
-        let new = json!({"kind": "train_lce", "params": {"lambda": {"consistency": 11.0}}, "inputs": {"a": ["b3:2"]}});
-        let told: Vec<_> = changes(&old, &new).iter().map(ToString::to_string).collect();
-        assert_eq!(told, ["lambda.consistency 7 -> 11", "input a has other content"]);
-        assert!(changes(&old, &old).is_empty());
-    }
+/// The JSON of a key.
+pub(super) fn with_inputs(work: &Work, inputs: Value) -> Value {
+    let mut json = without_inputs(work);
+    json["inputs"] = inputs;
+    json
 }

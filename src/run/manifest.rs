@@ -1,34 +1,33 @@
-//! What a run was: everything that `replay` needs, and where and how long it ran.
+//! The manifest of a run: everything that a replay needs, and where and how long the run was.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{fs, path::Path};
 
 use anyhow::{Context as _, bail};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::{
-    events::{NodeState, RunState},
+    events::RunState,
     key,
-    runs::utc_now,
+    node::{NodeDescription, NodeOutcome, NodeRecord},
+    utc,
 };
-use crate::store;
 use crate::{
-    digest::Digest,
-    env::Task,
-    num::rng::Stream,
-    pipeline::{Graph, Member, Node},
-    stage::Kind,
+    num,
+    pipeline::{Graph, Member, Node, NodeId},
+    stage::{Kind, Port},
+    store,
 };
 
-/// The format of a manifest; raised when an older carl-pipe would misread it.
+/// The format of a manifest. Raise it when an older carl-pipe would misread a manifest.
 const FORMAT: u32 = 1;
 
 /// A run, as its folder keeps it.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Manifest {
-    /// See `FORMAT`.
+    /// The format of the manifest.
     pub format: u32,
-    /// The run's id.
+    /// The id of the run.
     pub run: String,
     /// How it ended.
     pub state: RunState,
@@ -36,27 +35,27 @@ pub struct Manifest {
     pub pipeline: String,
     /// `description` of the pipeline.
     pub description: String,
-    /// The pipeline file, to the letter.
+    /// The exact text of the pipeline file.
     pub text: String,
     /// The command that started it.
     pub argv: Vec<String>,
     /// The version of carl-pipe.
     pub carl_pipe: String,
-    /// The commit that it was built from, with `-dirty` where files differed; none in builds without git.
+    /// The commit that carl-pipe was built from, with `-dirty` where files differed. `None` for builds without git.
     #[serde(default)]
     pub commit: Option<String>,
-    /// The pipelines that it consists of.
+    /// The pipelines that the run consists of.
     #[serde(default)]
     pub members: Vec<Member>,
     /// The machine.
     pub host: Host,
     /// When it started, in UTC.
     pub started: String,
-    /// From start to end, or to the last writing.
+    /// Seconds from start to end, or to the last time that the manifest was written.
     pub wall_secs: f64,
-    /// How long nodes worked in this run, added up.
+    /// Seconds that nodes worked in this run, summed over nodes.
     pub node_secs: f64,
-    /// How much of that their recorders took.
+    /// Seconds of these that recorders took.
     pub recorder_secs: f64,
     /// Every wanted node, inputs first.
     pub nodes: Vec<NodeRecord>,
@@ -67,89 +66,18 @@ pub struct Manifest {
 pub struct Host {
     /// Its name.
     pub name: String,
-    /// Its cores.
+    /// The number of its cores.
     pub cores: usize,
-    /// Its system.
+    /// Its operating system and architecture.
     pub system: String,
 }
 
-/// A node of a run.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct NodeRecord {
-    /// See [`Node::name`].
-    pub name: String,
-    /// See [`Node::stage`].
-    pub stage: String,
-    /// See [`Node::member`].
-    #[serde(default)]
-    pub member: usize,
-    /// See [`Node::round`].
-    pub round: Option<u32>,
-    /// See [`Node::point`].
-    pub point: Vec<(String, String)>,
-    /// The kind.
-    pub kind: String,
-    /// Its version.
-    pub version: u32,
-    /// See [`Node::params`].
-    pub params: Value,
-    /// See [`Node::task`].
-    pub task: Task,
-    /// See [`Node::stream`].
-    pub stream: Stream,
-    /// The names of the nodes connected to each port.
-    pub inputs: BTreeMap<String, Vec<String>>,
-    /// See [`Node::is_last`].
-    pub is_last: bool,
-    /// How it ended.
-    pub state: NodeState,
-    /// The digest of its key, once known.
-    pub key: Option<Digest>,
-    /// The content digest of its output, once there.
-    pub output: Option<Digest>,
-    /// The digest of the messages it recorded.
-    pub recording: Option<Digest>,
-    /// Its metrics.
-    #[serde(rename = "figures")]
-    pub metrics: BTreeMap<String, f64>,
-    /// How long it took to make, in this run or an earlier one.
-    pub secs: f64,
-    /// How much of that the recorder took.
-    pub recorder_secs: f64,
-}
-
-impl NodeRecord {
-    /// What is known of a node before it runs.
-    pub(crate) fn of(node: &Node, graph: &Graph) -> Self {
-        let names = |sources: &[usize]| sources.iter().map(|&source| graph.nodes[source].name.clone()).collect();
-        Self {
-            name: node.name.clone(),
-            stage: node.stage.clone(),
-            member: node.member,
-            round: node.round,
-            point: node.point.clone(),
-            kind: node.kind.name.to_owned(),
-            version: node.kind.version,
-            params: node.params.clone(),
-            task: node.task.clone(),
-            stream: node.stream.clone(),
-            inputs: node.inputs.iter().map(|(port, sources)| (port.name.to_owned(), names(sources))).collect(),
-            is_last: node.is_last,
-            state: NodeState::Pending,
-            key: None,
-            output: None,
-            recording: None,
-            metrics: BTreeMap::new(),
-            secs: 0.0,
-            recorder_secs: 0.0,
-        }
-    }
-}
-
 impl Manifest {
-    /// The manifest of a run that begins.
+    /// The manifest of a run that starts.
     pub(crate) fn begin(run: &str, graph: &Graph, wanted: &[bool], text: &str, argv: &[String]) -> Self {
         let nodes = graph.nodes.iter().zip(wanted).filter(|(_, wanted)| **wanted);
+        let record =
+            |node: &Node| NodeRecord { about: NodeDescription::of(node, graph), outcome: NodeOutcome::pending() };
         Self {
             format: FORMAT,
             run: run.to_owned(),
@@ -162,18 +90,18 @@ impl Manifest {
             commit: option_env!("CARL_COMMIT").filter(|commit| !commit.is_empty()).map(str::to_owned),
             members: graph.members.clone(),
             host: this_host(),
-            started: utc_now(),
+            started: utc::now(),
             wall_secs: 0.0,
             node_secs: 0.0,
             recorder_secs: 0.0,
-            nodes: nodes.map(|(node, _)| NodeRecord::of(node, graph)).collect(),
+            nodes: nodes.map(|(node, _)| record(node)).collect(),
         }
     }
 
     /// Reads the manifest of a run.
     ///
     /// # Errors
-    /// It is missing, damaged or of another format.
+    /// The manifest is missing, damaged or of another format.
     pub fn read(run_dir: &Path) -> anyhow::Result<Self> {
         let path = run_dir.join("manifest.json");
         let text = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
@@ -184,10 +112,10 @@ impl Manifest {
         let mut manifest: Self =
             serde_json::from_value(json).with_context(|| format!("cannot read {}", path.display()))?;
         if manifest.members.is_empty() {
-            // Written before there were suites.
+            // An older carl-pipe, without suites, wrote it.
             manifest.members.push(Member { pipeline: manifest.pipeline.clone(), ..Member::default() });
         }
-        if manifest.nodes.iter().any(|node| node.member >= manifest.members.len()) {
+        if manifest.nodes.iter().any(|record| record.about.member >= manifest.members.len()) {
             bail!("{} names a pipeline that it does not list", path.display());
         }
         Ok(manifest)
@@ -195,70 +123,83 @@ impl Manifest {
 
     /// Writes the manifest whole; `durable` also makes it safe from a power cut.
     pub(crate) fn write(&self, run_dir: &Path, durable: bool) -> anyhow::Result<()> {
-        let mut text = serde_json::to_vec_pretty(self).context("a manifest is plain data")?;
+        let mut text = serde_json::to_vec_pretty(self).context("cannot write a manifest")?;
         text.push(b'\n');
-        store::replace(&run_dir.join("manifest.json"), &text, durable)
+        Ok(store::replace_file(&run_dir.join("manifest.json"), &text, durable)?)
+    }
+
+    /// The record of the node with this name.
+    pub fn node(&self, name: &str) -> Option<&NodeRecord> {
+        self.nodes.iter().find(|record| record.about.name == name)
     }
 
     /// The readable key of a node, with every input whose content is known.
-    pub fn key_of(&self, node: &NodeRecord) -> Value {
+    pub fn key_of(&self, record: &NodeRecord) -> Value {
         let output = |name: &String| {
-            let source = self.nodes.iter().find(|node| node.name == *name);
-            source.and_then(|source| source.output).map_or(Value::Null, |digest| Value::from(digest.to_string()))
+            let output = self.node(name).and_then(|source| source.outcome.output);
+            output.map_or(Value::Null, |digest| Value::from(digest.to_string()))
         };
-        let inputs: Map<_, _> = node
+        let inputs: Map<_, _> = record
+            .about
             .inputs
             .iter()
             .filter(|(_, sources)| !sources.is_empty())
             .map(|(port, sources)| (port.clone(), sources.iter().map(output).collect()))
             .collect();
-        serde_json::json!({
-            "kind": node.kind,
-            "version": node.version,
-            "params": node.params,
-            "task": node.task,
-            "stream": node.stream,
-            "platform": key::PLATFORM,
-            "inputs": inputs,
-        })
+        key::with_inputs(&record.about.work, Value::Object(inputs))
     }
 
-    /// The graph of the run again, from what the manifest alone says.
+    /// Makes the graph of the run again from the manifest alone.
     ///
     /// # Errors
-    /// A kind or a version that this carl-pipe does not have.
+    /// The run used a kind, a version or a platform that this carl-pipe does not have.
     pub fn graph(&self, kind: &dyn Fn(&str) -> Option<&'static Kind>) -> anyhow::Result<Graph> {
         let mut nodes: Vec<Node> = Vec::new();
         for record in &self.nodes {
-            let found = kind(&record.kind).with_context(|| format!("there is no kind `{}` any more", record.kind))?;
-            if found.version != record.version {
-                bail!("`{}` is now version {}, the run had version {}", record.kind, found.version, record.version);
-            }
-            let mut inputs = Vec::new();
-            for port in found.ports {
-                let sources = record.inputs.get(port.name).map_or(&[][..], Vec::as_slice);
-                let position = |name: &String| nodes.iter().position(|node| node.name == *name);
-                let sources: Option<Vec<_>> = sources.iter().map(position).collect();
-                let sources = sources.with_context(|| format!("the manifest lacks an input of `{}`", record.name))?;
-                inputs.push((port, sources));
-            }
-            nodes.push(Node {
-                name: record.name.clone(),
-                stage: record.stage.clone(),
-                member: record.member,
-                round: record.round,
-                point: record.point.clone(),
-                kind: found,
-                params: record.params.clone(),
-                task: record.task.clone(),
-                stream: record.stream.clone(),
-                inputs,
-                is_last: record.is_last,
-            });
+            nodes.push(node(&record.about, &nodes, kind)?);
         }
         let (name, description) = (self.pipeline.clone(), self.description.clone());
         Ok(Graph { name, description, members: self.members.clone(), nodes })
     }
+}
+
+/// The node that a description describes; `before` are the nodes that it may take.
+fn node(
+    description: &NodeDescription,
+    before: &[Node],
+    kind: &dyn Fn(&str) -> Option<&'static Kind>,
+) -> anyhow::Result<Node> {
+    let NodeDescription { name, work, .. } = description;
+    let kind = kind(&work.kind).with_context(|| format!("this carl-pipe has no kind `{}`", work.kind))?;
+    if kind.version != work.version {
+        bail!("`{}` is now version {}, the run had version {}", work.kind, kind.version, work.version);
+    }
+    if work.platform != num::PLATFORM {
+        bail!("`{name}` ran on platform {}, this carl-pipe has {}", work.platform, num::PLATFORM);
+    }
+    let inputs = kind.ports.iter().map(|port| Ok((port, sources(description, port, before)?)));
+    Ok(Node {
+        name: name.clone(),
+        stage: description.stage.clone(),
+        member: description.member,
+        round: description.round,
+        point: description.point.clone(),
+        kind,
+        params: work.params.clone(),
+        task: work.task.clone(),
+        stream: work.stream.clone(),
+        platform: num::PLATFORM,
+        inputs: inputs.collect::<anyhow::Result<_>>()?,
+        is_last: description.is_last,
+    })
+}
+
+/// The nodes that a port takes.
+fn sources(description: &NodeDescription, port: &Port, before: &[Node]) -> anyhow::Result<Vec<NodeId>> {
+    let names = description.inputs.get(port.name).map_or(&[][..], Vec::as_slice);
+    let position = |name: &String| before.iter().position(|node| node.name == *name);
+    let sources: Option<Vec<NodeId>> = names.iter().map(position).collect();
+    sources.with_context(|| format!("the manifest lacks an input of `{}`", description.name))
 }
 
 fn this_host() -> Host {

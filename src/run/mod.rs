@@ -1,11 +1,17 @@
-//! Runs a graph: names each result before it exists, finds which the store has, makes the rest and keeps what happened.
+//! Runs a graph: computes the key of every result, finds which results the store has, makes the rest, and keeps a
+//! record of the run.
 
+mod alive;
+pub mod changes;
 pub mod events;
 pub mod execute;
 pub mod gc;
+pub mod job;
 pub mod key;
 pub mod manifest;
+pub mod node;
 pub mod plan;
 pub mod replay;
 pub mod runs;
+mod utc;
 pub mod why;

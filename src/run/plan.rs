@@ -1,47 +1,47 @@
-//! What a run would do: each node is a hit, stale with its reason, or waiting for inputs that do not exist yet.
+//! What a run would do: each node has its output in the store, has to run, or waits for nodes that have to run.
 //!
-//! Planning writes nothing but what it finds damaged, which it puts aside.
+//! Planning writes nothing. It only sets damaged files of the store aside.
 
 use std::collections::BTreeSet;
 
-use super::key::Key;
-use crate::store::{Entry, Found, Store};
+use super::key;
 use crate::{
     digest::Digest,
     pipeline::{Graph, NodeId},
+    store::{Entry, Key, Lookup, ResultStore},
 };
 
-/// What a node needs.
+/// What a run would do with a node.
 #[derive(Debug)]
 pub enum State {
     /// Nothing: the store has its output.
     Hit(Key, Box<Entry>),
-    /// To run.
+    /// Run it.
     Stale(Key, Cause),
-    /// Its key is not known until these nodes have run.
+    /// Wait for these nodes. Its key is not known before they have run.
     Waiting(Vec<NodeId>),
 }
 
-/// Why the store has no output to use.
+/// Why the store has no output that a node could use.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Cause {
-    /// It never had one for this key.
+    /// The store has none for this key.
     Missing,
-    /// What it has cannot be used.
+    /// The one that the store has cannot be used, for this reason.
     Unusable(String),
-    /// The user wants it again.
+    /// The user wants a new one.
     Forced,
 }
 
 /// Which nodes run although the store has their output.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Force {
-    /// None.
+    /// No node.
     #[default]
     None,
-    /// All that are wanted.
+    /// All wanted nodes.
     All,
-    /// Those of these stages, or with these names.
+    /// The nodes with these names, or of these stages.
     Named(BTreeSet<String>),
 }
 
@@ -59,18 +59,20 @@ impl Force {
 /// The state of every wanted node; `None` for the others.
 pub type Plan = Vec<Option<State>>;
 
-/// Looks every wanted node up.
+/// Looks up every wanted node.
 ///
 /// # Errors
-/// What the system says of the store.
-pub fn plan(graph: &Graph, wanted: &[bool], store: &Store, force: &Force) -> anyhow::Result<Plan> {
+/// The store failed.
+pub fn plan(graph: &Graph, wanted: &[bool], store: &dyn ResultStore, force: &Force) -> anyhow::Result<Plan> {
     let mut plan: Plan = Vec::with_capacity(graph.nodes.len());
     for (id, node) in graph.nodes.iter().enumerate() {
         let state = if !wanted[id] {
             None
-        } else if let Some(key) = Key::of(node, |source| output(&plan, source)) {
-            let is_forced = force.has(graph, id);
-            Some(look_up(key, is_forced, store)?)
+        } else if let Some(key) = key::of_node(node, |source| output(&plan, source)) {
+            Some(match look_up(&key, force.has(graph, id), store)? {
+                LookedUp::Hit(entry) => State::Hit(key, entry),
+                LookedUp::Stale(cause) => State::Stale(key, cause),
+            })
         } else {
             let waits_for = node.inputs.iter().flat_map(|(_, sources)| sources).copied();
             Some(State::Waiting(waits_for.filter(|&source| output(&plan, source).is_none()).collect()))
@@ -80,15 +82,24 @@ pub fn plan(graph: &Graph, wanted: &[bool], store: &Store, force: &Force) -> any
     Ok(plan)
 }
 
-/// Looks one key up.
-pub(super) fn look_up(key: Key, is_forced: bool, store: &Store) -> anyhow::Result<State> {
+/// What a look-up says about a key.
+#[derive(Debug)]
+pub(super) enum LookedUp {
+    /// The store has its output.
+    Hit(Box<Entry>),
+    /// Its output has to be made.
+    Stale(Cause),
+}
+
+/// Looks up one key.
+pub(super) fn look_up(key: &Key, is_forced: bool, store: &dyn ResultStore) -> anyhow::Result<LookedUp> {
     if is_forced {
-        return Ok(State::Stale(key, Cause::Forced));
+        return Ok(LookedUp::Stale(Cause::Forced));
     }
     Ok(match store.find(key.digest)? {
-        Found::Hit(entry) => State::Hit(key, entry),
-        Found::Miss => State::Stale(key, Cause::Missing),
-        Found::Unusable(why) => State::Stale(key, Cause::Unusable(why)),
+        Lookup::Hit(entry) => LookedUp::Hit(entry),
+        Lookup::Miss => LookedUp::Stale(Cause::Missing),
+        Lookup::Unusable(why) => LookedUp::Stale(Cause::Unusable(why)),
     })
 }
 
@@ -99,10 +110,11 @@ fn output(plan: &Plan, source: NodeId) -> Option<Digest> {
     }
 }
 
-/// The nodes that targets name (see [`Graph::is_named`]), and all they need; every node if no name is given.
+/// The nodes that targets name (see [`Graph::is_named`]), and all nodes that they need; every node if there are no
+/// targets.
 ///
 /// # Errors
-/// The first name that is neither a stage nor a node.
+/// The first target that names neither a stage nor a node.
 pub fn select(graph: &Graph, targets: &[String]) -> Result<Vec<bool>, String> {
     let mut wanted = vec![targets.is_empty(); graph.nodes.len()];
     for target in targets {

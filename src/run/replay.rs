@@ -1,82 +1,90 @@
 //! Runs a recorded run again, in an empty store and from its manifest alone, and compares every output and recording.
 
+use std::path::Path;
+
 use serde::Serialize;
 
 use super::{
     events::{Listener, NodeState},
     execute::{self, Options, Order, Report},
-    manifest::{Manifest, NodeRecord},
+    manifest::Manifest,
+    node::NodeRecord,
+    runs,
 };
-use crate::store::{Entry, Store};
-use crate::{digest::Digest, stage::Kind};
+use crate::{
+    digest::Digest,
+    stage::Kind,
+    store::{Entry, LocalStore, ResultStore},
+};
 
 /// What a replay found.
 #[derive(Debug)]
 pub struct Replayed {
     /// The run in the empty store.
     pub report: Report,
-    /// Nodes that gave the same output and recording.
+    /// How many nodes gave the same output and recording.
     pub equal: usize,
-    /// Nodes that did not, in the order of the graph.
+    /// What differs, in the order of the graph.
     pub differences: Vec<Difference>,
 }
 
-/// A node whose replay gave something else.
+/// Something of a node that differs in the replay.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Difference {
-    /// The node.
+    /// The name of the node.
     pub node: String,
-    /// `model.safetensors`, `output` or `recording`.
+    /// `output`, `recording`, or the name of a file such as `model.safetensors`.
     pub what: String,
-    /// Its digest in the run.
+    /// The digest in the run.
     pub recorded: Digest,
-    /// Its digest now; none if there is none.
+    /// The digest in the replay; `None` if it has none.
     pub replayed: Option<Digest>,
 }
 
-/// Replays a run in the empty store `scratch`; `store` is asked only which file of an output differs.
+/// Replays a run in the empty folder `scratch`. `store`, which holds the results of the run, only tells which file of
+/// an output differs.
 ///
 /// # Errors
-/// A kind or version that is no more, or what the system says.
+/// The run used a kind or a version that this carl-pipe does not have, or the system failed.
 pub fn replay(
     manifest: &Manifest,
-    store: &Store,
-    scratch: &Store,
+    store: &dyn ResultStore,
+    scratch: &Path,
     options: &Options,
     kind: &dyn Fn(&str) -> Option<&'static Kind>,
     listener: &dyn Listener,
 ) -> anyhow::Result<Replayed> {
     let graph = manifest.graph(kind)?;
-    // What the run did not finish cannot be compared, and nothing finished needs it.
-    let wanted = manifest.nodes.iter().map(|node| node.output.is_some()).collect();
+    // What the run did not finish cannot be compared, and nothing that it finished needs it.
+    let wanted = manifest.nodes.iter().map(|record| record.outcome.output.is_some()).collect();
     let order = Order { graph: &graph, wanted, text: &manifest.text, argv: manifest.argv.clone() };
-    let report = execute::run(scratch, &order, options, listener)?;
+    let new_store = LocalStore::open(scratch)?;
+    let report = execute::run(&new_store, &runs::folder(scratch), &order, options, listener)?;
     let (mut equal, mut differences) = (0, Vec::new());
-    let replayed = Manifest::read(&report.path)?;
-    for new in replayed.nodes.iter().filter(|node| matches!(node.state, NodeState::Ran | NodeState::Cached)) {
-        let Some(old) = manifest.nodes.iter().find(|node| node.name == new.name) else { continue };
-        let found = compare(old, new, store, scratch)?;
+    for new in report.nodes.iter().map(|node| &node.record) {
+        let Some(old) = manifest.node(&new.about.name) else { continue };
+        if !matches!(new.outcome.state, NodeState::Ran | NodeState::Cached) {
+            continue;
+        }
+        let found = compare([old, new], [store, &new_store])?;
         equal += usize::from(found.is_empty());
         differences.extend(found);
     }
     Ok(Replayed { report, equal, differences })
 }
 
-fn compare(old: &NodeRecord, new: &NodeRecord, store: &Store, scratch: &Store) -> anyhow::Result<Vec<Difference>> {
-    let mut found = Vec::new();
+/// What differs between a node of the run and the same node of the replay.
+fn compare([old, new]: [&NodeRecord; 2], stores: [&dyn ResultStore; 2]) -> anyhow::Result<Vec<Difference>> {
     let difference = |what: &str, recorded, replayed| Difference {
-        node: old.name.clone(),
+        node: old.about.name.clone(),
         what: what.to_owned(),
         recorded,
         replayed,
     };
-    if let Some(recorded) = old.output.filter(|_| old.output != new.output) {
-        let files = |store: &Store, node: &NodeRecord| -> anyhow::Result<Option<Entry>> {
-            node.key
-                .map_or(Ok(None), |key| store.entry(key))
-                .map(|entry| entry.filter(|it| Some(it.output) == node.output))
-        };
-        if let (Some(before), Some(now)) = (files(store, old)?, files(scratch, new)?) {
+    let mut found = Vec::new();
+    let (before, now) = (&old.outcome, &new.outcome);
+    if let Some(recorded) = before.output.filter(|_| before.output != now.output) {
+        if let (Some(before), Some(now)) = (entry(old, stores[0])?, entry(new, stores[1])?) {
             for file in &before.files {
                 let other = now.files.iter().find(|other| other.name == file.name).map(|other| other.object);
                 if other != Some(file.object) {
@@ -85,11 +93,17 @@ fn compare(old: &NodeRecord, new: &NodeRecord, store: &Store, scratch: &Store) -
             }
         }
         if found.is_empty() {
-            found.push(difference("output", recorded, new.output));
+            found.push(difference("output", recorded, now.output));
         }
     }
-    if let Some(recorded) = old.recording.filter(|_| old.recording != new.recording) {
-        found.push(difference("recording", recorded, new.recording));
+    if let Some(recorded) = before.recording.filter(|_| before.recording != now.recording) {
+        found.push(difference("recording", recorded, now.recording));
     }
     Ok(found)
+}
+
+/// The entry of what a node made, if the store still has it.
+fn entry(record: &NodeRecord, store: &dyn ResultStore) -> anyhow::Result<Option<Entry>> {
+    let entry = record.outcome.key.map(|key| store.entry(key)).transpose()?.flatten();
+    Ok(entry.filter(|entry| Some(entry.output) == record.outcome.output))
 }

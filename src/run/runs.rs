@@ -1,9 +1,6 @@
-//! The folders of runs: ids that sort by time, lookup by prefix, `latest`, and links to what a run names.
+//! The folders of runs: their ids, how to find them, and links in them.
 
-#![allow(
-    clippy::disallowed_methods,
-    reason = "wall times are kept beside a run and name its folder; no key and no result holds one"
-)]
+#![allow(clippy::disallowed_methods, reason = "a time names the folder of a run; no key or result holds one")]
 
 use std::{
     fs::{self, File},
@@ -15,14 +12,17 @@ use std::{
 
 use anyhow::{Context as _, bail};
 
-use super::manifest::Manifest;
-use crate::store::{is_held, object_below_root};
-use crate::{digest::Digest, store};
+use super::{alive, manifest::Manifest, utc};
 
-/// The folder of a run that is being made; others see it as alive while this value lives.
+/// The folder of the runs, beside the store that their results are in.
+pub fn folder(artifacts: &Path) -> PathBuf {
+    artifacts.join("runs")
+}
+
+/// The folder of a run in progress. Other processes see the run as alive while this value exists.
 #[derive(Debug)]
 pub struct RunDir {
-    /// The run's id.
+    /// The id of the run.
     pub id: String,
     /// The folder.
     pub path: PathBuf,
@@ -40,7 +40,7 @@ impl RunDir {
             let path = runs.join(&id);
             match fs::create_dir(&path) {
                 Ok(()) => {
-                    let alive = store::mark_alive(&path.join("alive"))?;
+                    let alive = alive::mark(&path)?;
                     let live = path.join("live");
                     fs::create_dir(&live).with_context(|| format!("cannot make {}", live.display()))?;
                     return Ok(Self { id, path, _alive: alive });
@@ -60,11 +60,11 @@ impl RunDir {
             .with_context(|| format!("cannot point {} to {}", runs.join("latest").display(), self.id))
     }
 
-    /// Gives an object a readable name in the folder; the link is relative, so that a store may be moved.
-    pub(crate) fn link(&self, name: &str, object: Digest) -> anyhow::Result<()> {
+    /// Gives a file a readable name in the folder. The link is relative where it can be, so that the folder that holds
+    /// both may be moved.
+    pub(crate) fn link(&self, name: &str, file: &Path) -> anyhow::Result<()> {
         let path = self.path.join(name);
-        let up = if name.contains('/') { "../../.." } else { "../.." };
-        let target = Path::new(up).join(object_below_root(object));
+        let target = relative(file, &self.path);
         match symlink(&target, &path) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
                 fs::remove_file(&path).and_then(|()| symlink(&target, &path))
@@ -75,8 +75,18 @@ impl RunDir {
     }
 }
 
-/// A node's name as a file name: `planar_online/represent@3` lies in `planar_online.represent@3.mcap`. No name of a stage
-/// or of a member holds a dot, so two nodes never share a file.
+/// The path of a file as seen from a folder. Both paths must be absolute, or relative to the same folder.
+fn relative(file: &Path, folder: &Path) -> PathBuf {
+    let shared = file.components().zip(folder.components()).take_while(|(one, other)| one == other).count();
+    if shared == 0 && file.is_absolute() != folder.is_absolute() {
+        return file.to_owned();
+    }
+    let up = folder.components().skip(shared).map(|_| "..");
+    up.map(PathBuf::from).chain(file.components().skip(shared).map(|part| PathBuf::from(part.as_os_str()))).collect()
+}
+
+/// The name of a node as the name of a file: `planar_online/represent@3` becomes `planar_online.represent@3`. The names
+/// of stages and members hold no dots, so two nodes never share a file.
 pub fn file_name(node: &str) -> String {
     node.replace(['/', '\0'], ".")
 }
@@ -84,7 +94,7 @@ pub fn file_name(node: &str) -> String {
 /// The ids of all runs, newest first.
 ///
 /// # Errors
-/// What the system says.
+/// The folder cannot be read.
 pub fn list(runs: &Path) -> anyhow::Result<Vec<String>> {
     let items = match fs::read_dir(runs) {
         Ok(items) => items,
@@ -101,10 +111,10 @@ pub fn list(runs: &Path) -> anyhow::Result<Vec<String>> {
     Ok(ids)
 }
 
-/// Finds a run by `latest`, its id, or the beginning of its id if no other run begins so.
+/// Finds a run by `latest`, by its id, or by the beginning of its id if only one id begins so.
 ///
 /// # Errors
-/// None or several such runs.
+/// There is no such run, or there are several.
 pub fn find(runs: &Path, wanted: &str) -> anyhow::Result<PathBuf> {
     let ids = list(runs)?;
     if wanted == "latest" {
@@ -124,43 +134,21 @@ pub fn find(runs: &Path, wanted: &str) -> anyhow::Result<PathBuf> {
     }
 }
 
-/// True while the process of a run lives.
+/// Whether the process of a run lives.
 pub fn is_alive(run_dir: &Path) -> bool {
-    is_held(&run_dir.join("alive"))
+    alive::is_marked(run_dir)
 }
 
-/// The manifests of all runs, newest first; unreadable ones are left out.
+/// The manifests of all runs, newest first. Manifests that cannot be read are left out.
 pub fn manifests(runs: &Path) -> impl Iterator<Item = Manifest> {
     let runs = runs.to_owned();
     list(&runs).unwrap_or_default().into_iter().filter_map(move |id| Manifest::read(&runs.join(id)).ok())
 }
 
-/// `20260802-143501-123-7f3a`: date, time and milliseconds in UTC, and a salt.
+/// Such as `20260802-143501-123-7f3a`: date, time and milliseconds in UTC, and a salt. Ids sort by time.
 fn run_id(unix_millis: u64, salt: u32) -> String {
-    let stamp: String = utc(unix_millis).chars().filter(|c| !matches!(c, '-' | ':' | 'Z')).collect();
+    let stamp: String = utc::text(unix_millis).chars().filter(|c| !matches!(c, '-' | ':' | 'Z')).collect();
     format!("{}-{:03}-{salt:04x}", stamp.replace('T', "-"), unix_millis % 1000)
-}
-
-/// `2026-08-02T14:35:01Z`.
-pub fn utc(unix_millis: u64) -> String {
-    let secs = unix_millis / 1000;
-    let (days, of_day) = (secs / 86_400, secs % 86_400);
-    // Days to year, month and day in the Gregorian calendar, from March of year 0 (Howard Hinnant).
-    let shifted = days + 719_468;
-    let (era, of_era) = (shifted / 146_097, shifted % 146_097);
-    let year_of_era = (of_era - of_era / 1_460 + of_era / 36_524 - of_era / 146_096) / 365;
-    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted_month = (5 * of_year + 2) / 153;
-    let day = of_year - (153 * shifted_month + 2) / 5 + 1;
-    let month = if shifted_month < 10 { shifted_month + 3 } else { shifted_month - 9 };
-    let year = year_of_era + era * 400 + u64::from(month <= 2);
-    let (hour, minute, second) = (of_day / 3_600, of_day / 60 % 60, of_day % 60);
-    format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}Z")
-}
-
-/// The time now, for manifests.
-pub(crate) fn utc_now() -> String {
-    utc(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64))
 }
 
 #[cfg(test)]
@@ -168,9 +156,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_are_written_in_utc() {
-        assert_eq!(utc(0), "1970-01-01T00:00:00Z");
-        assert_eq!(utc(951_827_696_000), "2000-02-29T12:34:56Z");
+    fn an_id_begins_with_the_time() {
         assert_eq!(run_id(1_785_681_301_123, 0x7f), "20260802-143501-123-007f");
+    }
+
+    #[test]
+    fn a_link_leads_from_one_folder_to_another() {
+        let seen = |file: &str, folder: &str| relative(Path::new(file), Path::new(folder));
+        assert_eq!(seen("a/objects/9f/1", "a/runs/7"), Path::new("../../objects/9f/1"));
+        assert_eq!(seen("/b/objects/9f/1", "/a/runs/7"), Path::new("../../../b/objects/9f/1"));
+        assert_eq!(seen("/b/objects/9f/1", "a/runs/7"), Path::new("/b/objects/9f/1"));
     }
 }

@@ -1,4 +1,4 @@
-//! Why a node runs: what changed against the newest earlier run that knew it, old value and new.
+//! Why a node has to run: what changed since the newest earlier run that had the node, with old and new values.
 
 use std::path::{Path, PathBuf};
 
@@ -6,8 +6,10 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::{
-    key::{self, Change},
-    manifest::{Manifest, NodeRecord},
+    changes::{self, Change},
+    key,
+    manifest::Manifest,
+    node::{NodeRecord, Work},
     plan::{Cause, Plan, State},
     runs,
 };
@@ -16,41 +18,41 @@ use crate::{
     pipeline::{Graph, Node, NodeId},
 };
 
-/// How far back to look for a node.
+/// How many earlier runs are searched for a node.
 const RUNS_TO_READ: usize = 20;
 
-/// A reason, for people and for `--json`.
+/// Why a node has to run, or why not.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(tag = "state", rename_all = "snake_case")]
 pub enum Reason {
     /// The store has its output.
     Cached,
-    /// No earlier run knew it.
+    /// No earlier run had it.
     New,
-    /// Its key changed since an earlier run.
+    /// Its key is not the one of an earlier run.
     Changed {
         /// What changed.
         changes: Vec<Change>,
-        /// Since which run.
+        /// The id of the earlier run.
         since: String,
     },
-    /// Nothing changed since an earlier run, but that run did not finish it.
+    /// Nothing changed since an earlier run, which did not finish it.
     Unfinished {
-        /// Which run.
+        /// The id of the earlier run.
         since: String,
     },
     /// Its output is gone or damaged.
     Unusable {
-        /// In what way.
+        /// What is wrong with it.
         why: String,
     },
-    /// The user wants it again.
+    /// The user wants a new output.
     Forced,
-    /// It takes the output of nodes that will run first.
+    /// It takes outputs of nodes that have to run first.
     Waiting {
-        /// Which.
+        /// The names of these nodes.
         on: Vec<String>,
-        /// What else changed, so that it will run whatever they make.
+        /// What else changed, so that the node runs whatever these nodes make.
         changes: Vec<Change>,
     },
 }
@@ -82,7 +84,7 @@ fn list(changes: &[Change]) -> String {
     changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
 }
 
-/// Earlier runs, newest first, each read only once a node needs it for its reason.
+/// Earlier runs, newest first. A manifest is read when a node needs it.
 #[derive(Debug)]
 pub struct History {
     runs: PathBuf,
@@ -96,27 +98,28 @@ impl History {
         Self { runs: runs.to_owned(), unread: None, read: Vec::new() }
     }
 
-    /// The newest earlier run that knew a node: of the same pipeline if possible, by name or else by stage and round. A
-    /// pipeline is the same whether it ran alone or in a suite.
+    /// The newest earlier run that had a node: of the same pipeline if possible, by name or else by stage and round. A
+    /// pipeline is the same whether it runs alone or in a suite.
     fn newest(&mut self, pipeline: &str, node: &Node) -> Option<(&Manifest, &NodeRecord)> {
         let (name, stage) = (without_member(&node.name), without_member(&node.stage));
         let is_it = |record: &NodeRecord, by_name_only: bool| {
-            let by_stage = without_member(&record.stage) == stage && record.round == node.round && !by_name_only;
-            record.kind == node.kind.name && record.key.is_some() && (without_member(&record.name) == name || by_stage)
+            let (old, key) = (&record.about, record.outcome.key);
+            let by_stage = without_member(&old.stage) == stage && old.round == node.round && !by_name_only;
+            old.work.kind == node.kind.name && key.is_some() && (without_member(&old.name) == name || by_stage)
         };
         for by_name_only in [true, false] {
             for at in 0.. {
                 let Some(manifest) = self.nth(at) else { break };
                 let matches = |record: &NodeRecord| {
-                    manifest.members[record.member].pipeline == pipeline && is_it(record, by_name_only)
+                    manifest.members[record.about.member].pipeline == pipeline && is_it(record, by_name_only)
                 };
                 if let Some(row) = manifest.nodes.iter().position(matches) {
                     return Some((&self.read[at], &self.read[at].nodes[row]));
                 }
             }
         }
-        // Of another pipeline only where it is about the same system.
-        let is_like = |record: &NodeRecord| record.task.name() == node.task.name() && is_it(record, true);
+        // A run of another pipeline counts only if it is about the same environment.
+        let is_like = |record: &NodeRecord| record.about.work.task.name() == node.task.name() && is_it(record, true);
         let row = |manifest: &Manifest| manifest.nodes.iter().position(is_like);
         let (at, row) = self.read.iter().enumerate().find_map(|(at, manifest)| Some((at, row(manifest)?)))?;
         Some((&self.read[at], &self.read[at].nodes[row]))
@@ -133,7 +136,7 @@ impl History {
     }
 }
 
-/// Why a node is in its state; `None` for a node that is not wanted.
+/// Why a node is in its state in a plan; `None` for a node that is not wanted.
 pub fn reason(graph: &Graph, plan: &Plan, id: NodeId, history: &mut History) -> Option<Reason> {
     let node = &graph.nodes[id];
     Some(match plan[id].as_ref()? {
@@ -143,11 +146,11 @@ pub fn reason(graph: &Graph, plan: &Plan, id: NodeId, history: &mut History) -> 
         State::Stale(key, Cause::Missing) => match history.newest(&graph.members[node.member].pipeline, node) {
             None => Reason::New,
             Some((manifest, record)) => {
-                let changes = key::changes(&manifest.key_of(record), &key.json);
+                let changes = changes::between(&manifest.key_of(record), &key.json);
                 let since = manifest.run.clone();
                 if !changes.is_empty() {
                     Reason::Changed { changes: name_inputs(node, graph, changes), since }
-                } else if record.output.is_some() {
+                } else if record.outcome.output.is_some() {
                     Reason::Unusable { why: "its entry is gone".to_owned() }
                 } else {
                     Reason::Unfinished { since }
@@ -161,14 +164,14 @@ pub fn reason(graph: &Graph, plan: &Plan, id: NodeId, history: &mut History) -> 
                 |(manifest, record)| {
                     let mut old = manifest.key_of(record);
                     old["inputs"] = Value::Null;
-                    key::changes(&old, &key::without_inputs(node))
+                    changes::between(&old, &key::without_inputs(&Work::of(node)))
                 },
             ),
         },
     })
 }
 
-/// Says which source of a port changed, where that can be told by position.
+/// Names the source of each input that changed, as far as positions show it.
 fn name_inputs(node: &Node, graph: &Graph, changes: Vec<Change>) -> Vec<Change> {
     let mut named = Vec::new();
     for change in changes {

@@ -94,6 +94,8 @@ pub struct Node {
     pub task: Task,
     /// The node's random stream.
     pub stream: Stream,
+    /// The arithmetic that its result depends on: [`crate::num::PLATFORM`].
+    pub platform: &'static str,
     /// The nodes connected to each port, in the order written. An optional port may have none.
     pub inputs: Vec<(&'static Port, Vec<NodeId>)>,
     /// True for nodes of the last round and of stages outside of the loop: their results are the pipeline's.

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     diag::Diagnostic,
     node_name::NodeName,
-    num::rng::Stream,
+    num::{self, rng::Stream},
     pipeline::{
         limits::MAX_NODES,
         resolve::{
@@ -170,6 +170,7 @@ impl Unrolling<'_> {
                 round: cell.round.unwrap_or(0),
                 stream: stage.stream.clone(),
             },
+            platform: num::PLATFORM,
             inputs: self.inputs(cell, point),
             is_last: cell.round.is_none_or(|round| round + 1 == pipeline.rounds()),
         })

@@ -9,14 +9,14 @@ use super::{
 use crate::{
     num::stats::RESAMPLES,
     report::{outcomes::Outcome, series::SampleRange},
-    store::Store,
+    store::ResultStore,
 };
 
 /// One line for each series, with every statistic, below a header.
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn csv(grid: &Grid, about: About<'_>, store: &Store) -> anyhow::Result<String> {
+pub fn csv(grid: &Grid, about: About<'_>, store: &dyn ResultStore) -> anyhow::Result<String> {
     let objects = objects(grid, about, store)?;
     let Some(Value::Object(first)) = objects.first() else { return Ok(String::new()) };
     let names: Vec<&str> = first.keys().map(String::as_str).filter(|name| *name != "models").collect();
@@ -42,7 +42,7 @@ fn quoted(value: &Value) -> String {
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn json(grid: &Grid, about: About<'_>, store: &Store) -> anyhow::Result<String> {
+pub fn json(grid: &Grid, about: About<'_>, store: &dyn ResultStore) -> anyhow::Result<String> {
     let cells = objects(grid, about, store)?;
     let object = json!({
         "version": 1, "metric": about.metric, "rows": about.rows, "cols": about.cols, "resamples": RESAMPLES,
@@ -51,7 +51,7 @@ pub fn json(grid: &Grid, about: About<'_>, store: &Store) -> anyhow::Result<Stri
     Ok(format!("{object}\n"))
 }
 
-fn objects(grid: &Grid, about: About<'_>, store: &Store) -> anyhow::Result<Vec<Value>> {
+fn objects(grid: &Grid, about: About<'_>, store: &dyn ResultStore) -> anyhow::Result<Vec<Value>> {
     let mut objects = Vec::new();
     for cell in &grid.cells {
         let series = &cell.series;

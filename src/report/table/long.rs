@@ -7,7 +7,7 @@ use crate::{
         numbers::{mean, number, thousands},
         series::{SampleRange, Series},
     },
-    store::Store,
+    store::ResultStore,
 };
 
 /// A statistic of a series.
@@ -20,7 +20,7 @@ struct Column {
 ///
 /// # Errors
 /// The store cannot be read.
-pub fn long(grid: &Grid, about: About<'_>, store: &Store) -> anyhow::Result<Rows> {
+pub fn long(grid: &Grid, about: About<'_>, store: &dyn ResultStore) -> anyhow::Result<Rows> {
     let mut rows = Vec::new();
     for cell in &grid.cells {
         let mut columns = vec![column(about.rows, &grid.rows[cell.row]), column(about.cols, &grid.cols[cell.col])];
@@ -59,7 +59,7 @@ fn statistics(series: &Series) -> [Column; 6] {
 }
 
 /// What is known only of the share of time at the goal.
-fn goal(series: &Series, store: &Store) -> anyhow::Result<[Column; 5]> {
+fn goal(series: &Series, store: &dyn ResultStore) -> anyhow::Result<[Column; 5]> {
     let mean_of = |metric| -> anyhow::Result<String> {
         Ok(series.summary_of(metric, store)?.map_or_else(String::new, |it| number(it.mean)))
     };

@@ -1,14 +1,37 @@
-//! Shares the cores among the nodes that run: one alone gets all of them.
+//! Shares the cores among the jobs that run. A job that runs alone gets all of them.
 
-use std::{collections::BTreeMap, sync::Mutex};
+use std::{
+    collections::BTreeMap,
+    sync::{Mutex, MutexGuard, PoisonError},
+};
 
-use crate::{num::Threads, pipeline::NodeId};
+use crate::num::Threads;
 
-/// The cores and who uses them.
+/// The cores, and the jobs that use them.
 #[derive(Debug)]
 pub(super) struct Cores {
     total: usize,
-    users: Mutex<BTreeMap<NodeId, Threads>>,
+    users: Mutex<Users>,
+}
+
+#[derive(Debug, Default)]
+struct Users {
+    next: u64,
+    by_number: BTreeMap<u64, User>,
+}
+
+#[derive(Debug)]
+struct User {
+    threads: Threads,
+    at_most: usize,
+}
+
+/// The share of one job. Dropping it gives its cores to the other jobs.
+#[derive(Debug)]
+pub(super) struct Share<'a> {
+    cores: &'a Cores,
+    number: u64,
+    threads: Threads,
 }
 
 impl Cores {
@@ -16,23 +39,39 @@ impl Cores {
         Self { total: total.max(1), users: Mutex::default() }
     }
 
-    /// A share for a node that starts; the others get less.
-    pub(super) fn join(&self, id: NodeId) -> Threads {
+    /// A share for a job that starts; the other jobs get less.
+    pub(super) fn join(&self, at_most: usize) -> Share<'_> {
         let threads = Threads::new(1);
-        self.change(|users| users.insert(id, threads.clone()));
-        threads
+        let mut users = self.lock();
+        let number = users.next;
+        users.next += 1;
+        users.by_number.insert(number, User { threads: threads.clone(), at_most: at_most.max(1) });
+        self.divide(&users);
+        Share { cores: self, number, threads }
     }
 
-    /// Gives a node's share back to the others.
-    pub(super) fn leave(&self, id: NodeId) {
-        self.change(|users| users.remove(&id));
+    fn lock(&self) -> MutexGuard<'_, Users> {
+        self.users.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn change(&self, change: impl FnOnce(&mut BTreeMap<NodeId, Threads>) -> Option<Threads>) {
-        let mut users = self.users.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        change(&mut users);
-        let share = self.total / users.len().max(1);
-        users.values().for_each(|threads| threads.set(share));
+    fn divide(&self, users: &Users) {
+        let share = self.total / users.by_number.len().max(1);
+        users.by_number.values().for_each(|user| user.threads.set(share.min(user.at_most)));
+    }
+}
+
+impl Share<'_> {
+    /// The number of threads of this share. It changes as other jobs start and end.
+    pub(super) fn threads(&self) -> Threads {
+        self.threads.clone()
+    }
+}
+
+impl Drop for Share<'_> {
+    fn drop(&mut self) {
+        let mut users = self.cores.lock();
+        users.by_number.remove(&self.number);
+        self.cores.divide(&users);
     }
 }
 
@@ -41,15 +80,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lone_node_gets_every_core_and_shares_them_when_others_start() {
+    fn a_lone_job_gets_every_core_and_shares_them_when_others_start() {
         let cores = Cores::new(4);
-        let first = cores.join(0);
-        assert_eq!(first.get(), 4);
-        let second = cores.join(1);
-        assert_eq!((first.get(), second.get()), (2, 2));
-        cores.leave(0);
-        assert_eq!(second.get(), 4);
-        (2..9).for_each(|id| drop(cores.join(id)));
-        assert_eq!(second.get(), 1);
+        let first = cores.join(8);
+        assert_eq!(first.threads().get(), 4);
+        let second = cores.join(8);
+        assert_eq!((first.threads().get(), second.threads().get()), (2, 2));
+        drop(first);
+        assert_eq!(second.threads().get(), 4);
+        let others: Vec<_> = (0..7).map(|_| cores.join(8)).collect();
+        assert_eq!((second.threads().get(), others.len()), (1, 7));
+    }
+
+    #[test]
+    fn a_job_gets_no_more_threads_than_it_may_use() {
+        assert_eq!(Cores::new(4).join(3).threads().get(), 3);
     }
 }

@@ -1,9 +1,9 @@
-//! Hears a running stage and tells everybody else, progress at most a few times a second.
+//! Passes on what a running stage reports, progress at most a few times a second.
 
 use std::{
     collections::BTreeMap,
     sync::{
-        Mutex,
+        Mutex, PoisonError,
         atomic::{AtomicBool, AtomicU64, Ordering},
     },
 };
@@ -13,9 +13,10 @@ use crate::{
     stage::Host,
 };
 
-/// The least time between two progress events of a node.
+/// The least time between two progress events of a node, in milliseconds.
 const PROGRESS_EVERY_MS: u64 = 200;
 
+/// The host of the stage of one node.
 pub(super) struct NodeHost<'a> {
     node: &'a str,
     round: Option<u32>,
@@ -30,8 +31,9 @@ impl<'a> NodeHost<'a> {
         Self { node, round, events, stop, next_progress_ms: AtomicU64::new(0), metrics: Mutex::default() }
     }
 
+    /// The metrics that the stage reported, the last value of each.
     pub(super) fn into_metrics(self) -> BTreeMap<String, f64> {
-        self.metrics.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner)
+        self.metrics.into_inner().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -43,7 +45,7 @@ impl Host for NodeHost<'_> {
             return;
         }
         self.next_progress_ms.store(now_ms + PROGRESS_EVERY_MS, Ordering::Relaxed);
-        self.events.tell(&Event::Progress { node: self.node.to_owned(), done, total, note: note.to_owned() });
+        self.events.emit(&Event::Progress { node: self.node.to_owned(), done, total, note: note.to_owned() });
     }
 
     fn metric(&self, name: &str, value: f64) {
@@ -51,15 +53,13 @@ impl Host for NodeHost<'_> {
             self.events.warn(Some(self.node), format!("metric `{name}` is {value} and is left out"));
             return;
         }
-        let mut metrics = self.metrics.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        metrics.insert(name.to_owned(), value);
-        drop(metrics);
+        self.metrics.lock().unwrap_or_else(PoisonError::into_inner).insert(name.to_owned(), value);
         let (node, round) = (self.node.to_owned(), self.round);
-        self.events.tell(&Event::Metric { node, round, name: name.to_owned(), value });
+        self.events.emit(&Event::Metric { node, round, name: name.to_owned(), value });
     }
 
     fn say(&self, text: &str) {
-        self.events.tell(&Event::Say { node: self.node.to_owned(), text: text.to_owned() });
+        self.events.emit(&Event::Say { node: self.node.to_owned(), text: text.to_owned() });
     }
 
     fn stop_asked(&self) -> bool {

@@ -1,38 +1,43 @@
-//! Makes what is wanted: hits are taken from the store, the rest runs in parallel, and each result may stop the wave.
+//! Makes the results that are wanted: takes those that the store has, and runs the rest in parallel.
 //!
-//! A failed, stopped or killed node publishes nothing, so the same command always goes on from what is finished.
+//! A node that failed, stopped or was killed publishes nothing, so the same command continues from what is finished.
 
 mod cores;
+mod executor;
 mod host;
 mod panics;
 mod recording;
 mod scheduler;
 mod teams;
+mod threads;
 mod worker;
 
 use std::{
-    collections::BTreeMap,
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::{Arc, atomic::AtomicBool},
+    thread,
 };
 
 use super::{
     events::{Event, Events, Listener, NodeState, RunState},
     manifest::Manifest,
+    node::NodeRecord,
     plan::Force,
     runs::RunDir,
 };
-use crate::store::Store;
-use crate::{digest::Digest, pipeline::Graph};
+use crate::{pipeline::Graph, stage::Kind, store::ResultStore};
+
+pub use executor::{Executor, Failure, Finished, JobOutcome};
+pub use worker::{RunContext, Worker};
 
 /// What to run.
 #[derive(Debug)]
 pub struct Order<'a> {
     /// The graph.
     pub graph: &'a Graph,
-    /// Which of its nodes, with all they need (see [`super::plan::select`]).
+    /// Which of its nodes, with all that they need (see [`super::plan::select`]).
     pub wanted: Vec<bool>,
-    /// The pipeline file, for the manifest.
+    /// The text of the pipeline file, for the manifest.
     pub text: &'a str,
     /// The command, for the manifest.
     pub argv: Vec<String>,
@@ -41,13 +46,13 @@ pub struct Order<'a> {
 /// How to run it.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// How many nodes at once.
+    /// How many nodes may run at once.
     pub jobs: usize,
     /// How many cores they share.
     pub cores: usize,
-    /// Go on with independent nodes after a failure.
+    /// Whether independent nodes still start after a failure.
     pub keep_going: bool,
-    /// Nodes to run although the store has their output.
+    /// Which nodes run although the store has their output.
     pub force: Force,
     /// Set once the user asked to stop.
     pub stop: Arc<AtomicBool>,
@@ -55,7 +60,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let cores = thread::available_parallelism().map_or(1, usize::from);
         Self { jobs: cores, cores, keep_going: false, force: Force::None, stop: Arc::default() }
     }
 }
@@ -63,7 +68,7 @@ impl Default for Options {
 /// What became of a run.
 #[derive(Debug)]
 pub struct Report {
-    /// The run's id.
+    /// The id of the run.
     pub run: String,
     /// The folder of the run.
     pub path: PathBuf,
@@ -71,66 +76,74 @@ pub struct Report {
     pub state: RunState,
     /// Every wanted node.
     pub nodes: Vec<NodeReport>,
-    /// From start to end.
+    /// Seconds from start to end.
     pub wall_secs: f64,
 }
 
-/// What became of a node.
+/// What became of a node in a run.
 #[derive(Debug)]
 pub struct NodeReport {
-    /// Its name.
-    pub name: String,
-    /// Its stage.
-    pub stage: String,
-    /// Its round.
-    pub round: Option<u32>,
-    /// How it ended.
-    pub state: NodeState,
-    /// How long it worked in this run.
-    pub secs: f64,
-    /// The content digest of its output.
-    pub digest: Option<Digest>,
-    /// The digest of the messages it recorded.
-    pub recording: Option<Digest>,
-    /// Its metrics.
-    pub metrics: BTreeMap<String, f64>,
-    /// What went wrong.
+    /// The record of the node in the manifest.
+    pub record: NodeRecord,
+    /// Seconds that it worked in this run.
+    pub worked_secs: f64,
+    /// Why it failed.
     pub failure: Option<Failure>,
-}
-
-/// Why a node failed.
-#[derive(Debug, Clone)]
-pub struct Failure {
-    /// What went wrong, with every cause.
-    pub text: String,
-    /// The store or the system failed, not the stage.
-    pub is_store: bool,
 }
 
 impl Report {
     /// How many nodes ended in a state.
     pub fn count(&self, state: NodeState) -> usize {
-        self.nodes.iter().filter(|node| node.state == state).count()
+        self.nodes.iter().filter(|node| node.record.outcome.state == state).count()
     }
 }
 
-/// Runs an order; the folder of the run tells everything about it.
+/// Runs an order in threads of this process. The folder of the run, below `runs`, keeps everything about it.
 ///
 /// # Errors
-/// The store or the system failed; a stage that fails is in the report.
-pub fn run(store: &Store, order: &Order<'_>, options: &Options, listener: &dyn Listener) -> anyhow::Result<Report> {
-    let dir = RunDir::create(&store.runs())?;
+/// The store or the system failed. A stage that fails is in the report.
+pub fn run(
+    store: &dyn ResultStore,
+    runs: &Path,
+    order: &Order<'_>,
+    options: &Options,
+    listener: &dyn Listener,
+) -> anyhow::Result<Report> {
+    let dir = RunDir::create(runs)?;
     dir.point_latest()?;
     let events = Events::create(&dir.path, listener)?;
     let manifest = Manifest::begin(&dir.id, order.graph, &order.wanted, order.text, &order.argv);
-    let mut seeds: Vec<_> = manifest.nodes.iter().map(|node| node.stream.seed).collect();
-    seeds.dedup();
-    events.tell(&Event::RunStarted {
+    events.emit(&Event::RunStarted {
         run: dir.id.clone(),
         pipeline: order.graph.name.clone(),
-        seed: if let [seed] = seeds[..] { Some(seed) } else { None },
+        seed: only_seed(&manifest),
         nodes: manifest.nodes.len(),
     });
     panics::keep_quiet();
-    scheduler::Scheduler::new(store, order, options, &events, &dir, manifest).run()
+    let kinds = kinds(order.graph);
+    let (run, run_dir, stop) = (&*dir.id, &*dir.path, &*options.stop);
+    let context = RunContext { store, kinds: &kinds, run, run_dir, events: &events, stop };
+    let worker = Worker::new(context, options.cores);
+    thread::scope(|scope| {
+        let mut executor = threads::Threads::new(scope, &worker);
+        scheduler::Scheduler::new(store, order, options, &events, &dir, manifest).run(&mut executor)
+    })
+}
+
+/// The seed of all nodes, where all have the same.
+fn only_seed(manifest: &Manifest) -> Option<u64> {
+    let mut seeds: Vec<_> = manifest.nodes.iter().map(|node| node.about.work.stream.seed).collect();
+    seeds.dedup();
+    if let [seed] = seeds[..] { Some(seed) } else { None }
+}
+
+/// The kinds that the nodes of a graph have, each once.
+fn kinds(graph: &Graph) -> Vec<&'static Kind> {
+    let mut kinds: Vec<&'static Kind> = Vec::new();
+    for node in &graph.nodes {
+        if !kinds.iter().any(|kind| std::ptr::eq(*kind, node.kind)) {
+            kinds.push(node.kind);
+        }
+    }
+    kinds
 }

@@ -1,4 +1,4 @@
-//! Keeps the panics of stages out of the terminal: they become the error of their node, with their place.
+//! Turns the panic of a stage into the error of its node, with the place of the panic, instead of printing it.
 
 use std::{
     any::Any,
@@ -8,18 +8,18 @@ use std::{
     thread,
 };
 
-/// How the threads of nodes are called.
+/// The names of all threads that run stages begin so.
 const PREFIX: &str = "nodes, team ";
 
-/// The places of panics, by the name of the thread.
+/// Where panics happened, by the name of the thread.
 static PLACES: Mutex<BTreeMap<String, String>> = Mutex::new(BTreeMap::new());
 
-/// The name of all threads of a team.
+/// The name of every thread of a team.
 pub(super) fn team_name(number: usize) -> String {
     format!("{PREFIX}{number}")
 }
 
-/// Sends panics in threads of nodes to [`explain`]; all others are printed as ever.
+/// Keeps panics in threads that run stages for [`explain`]. All other panics are printed as usual.
 pub(super) fn keep_quiet() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
@@ -37,7 +37,7 @@ pub(super) fn keep_quiet() {
     });
 }
 
-/// The error of a node that panicked on threads of this name.
+/// The error of a stage that panicked on threads of this name.
 pub(super) fn explain(threads: &str, payload: &(dyn Any + Send)) -> anyhow::Error {
     let message = payload
         .downcast_ref::<&str>()

@@ -1,47 +1,48 @@
-//! A node's recording: grows under `live/` while the node works, and becomes an object when it has finished.
+//! The recording of a node. It grows under `live/` while the node works, and becomes an object of the store when the
+//! node has finished.
 
 use std::path::{Path, PathBuf};
 
 use crate::{
     digest::Digest,
-    pipeline::Node,
     record::{NodeInfo, Recorder},
-    run::{key::Key, runs},
+    run::{job::Job, runs},
+    store::Key,
 };
 
-/// What is left of a recording when its node has finished.
+/// The finished recording of a node.
 #[derive(Debug, Default)]
 pub(super) struct Recorded {
-    /// The canonical file and the digest of its messages; none where recording failed.
+    /// The canonical file and the digest of its messages; `None` where recording failed.
     pub(super) file: Option<(PathBuf, Digest)>,
-    /// Time inside the recorder.
+    /// Seconds inside the recorder.
     pub(super) secs: f64,
     /// What went wrong.
     pub(super) warning: Option<String>,
 }
 
-/// Where a node's recording grows, below the folder of the run.
-pub(super) fn live_name(node: &Node) -> String {
-    format!("live/{}.mcap", runs::file_name(&node.name))
+/// Where the recording of a node grows, below the folder of the run.
+pub(super) fn live_name(node: &str) -> String {
+    format!("live/{}.mcap", runs::file_name(node))
 }
 
-/// Where a finished recording is linked, below the folder of the run.
+/// Where the finished recording of a node is linked, below the folder of the run.
 pub(super) fn link_name(node: &str) -> String {
     format!("{}.mcap", runs::file_name(node))
 }
 
-/// Starts a node's recording. It carries the key, and nothing of the pipeline around the node but its name.
-pub(super) fn start(run_dir: &Path, node: &Node, key: &Key) -> Recorder {
+/// Starts the recording of a job. Of the pipeline, it names only the node.
+pub(super) fn start(run_dir: &Path, job: &Job, key: &Key) -> Recorder {
     let info = NodeInfo {
-        node: node.name.clone(),
-        kind: node.kind.name.to_owned(),
+        node: job.node.clone(),
+        kind: job.work.kind.clone(),
         key: key.digest.to_string(),
-        round: node.round.unwrap_or(0),
+        round: job.round.unwrap_or(0),
     };
-    Recorder::create(&run_dir.join(live_name(node)), &info)
+    Recorder::create(&run_dir.join(live_name(&job.node)), &info)
 }
 
-/// Finishes it into the file `canonical`.
+/// Finishes a recording into the file `canonical`.
 pub(super) fn finish(recorder: Recorder, canonical: &Path) -> Recorded {
     let finished = recorder.finish(canonical);
     Recorded {

@@ -1,5 +1,5 @@
-//! The threads that nodes work on. A node takes a team and the next one gets it: threads keep the buffers of their
-//! products, and the allocator finds memory where it left it.
+//! Teams of threads that run stages. A job takes an idle team and gives it back, because threads that are used again
+//! keep the buffers of matrix products and the memory of the allocator.
 
 use std::{
     panic::{AssertUnwindSafe, catch_unwind},
@@ -14,12 +14,14 @@ use anyhow::Context as _;
 use super::panics;
 
 /// The teams of a run.
+#[derive(Debug)]
 pub(super) struct Teams {
     cores: usize,
     made: AtomicUsize,
     idle: Mutex<Vec<Team>>,
 }
 
+#[derive(Debug)]
 struct Team {
     name: String,
     pool: rayon::ThreadPool,
@@ -31,7 +33,7 @@ impl Teams {
         Self { cores, made: AtomicUsize::new(0), idle: Mutex::default() }
     }
 
-    /// Does some work on a team, and turns its panic into an error.
+    /// Does work on a team, and turns a panic into an error.
     pub(super) fn run<R: Send>(&self, work: impl FnOnce() -> anyhow::Result<R> + Send) -> anyhow::Result<R> {
         let team = self.take()?;
         let done = catch_unwind(AssertUnwindSafe(|| team.pool.install(work)));

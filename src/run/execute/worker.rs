@@ -1,146 +1,174 @@
-//! One node's work, from verified inputs to a published output.
+//! Does a job: verifies its inputs, runs its stage and publishes the output.
 
-#![allow(
-    clippy::disallowed_methods,
-    reason = "wall times are kept beside a run and name its folder; no key and no result holds one"
-)]
+#![allow(clippy::disallowed_methods, reason = "an entry says how long its node worked; no key or result holds a time")]
 
 use std::{
-    panic::{AssertUnwindSafe, catch_unwind},
-    path::Path,
+    path::{Path, PathBuf},
     sync::atomic::AtomicBool,
     time::Instant,
 };
 
-use super::{Failure, cores::Cores, host::NodeHost, panics, recording, teams::Teams};
+use anyhow::Context as _;
+
+use super::{
+    cores::Cores,
+    executor::{Failure, JobOutcome},
+    host::NodeHost,
+    recording::{self, Recorded},
+    teams::Teams,
+};
 use crate::{
-    artifact::Files,
+    digest::Digest,
     num::Threads,
-    pipeline::{Node, NodeId},
-    run::{events::Events, key::Key},
-    stage::{InputFiles, Interrupted, StageCx},
-    store::{Draft, Entry, KeyLock, Published, Store},
+    record::Recorder,
+    run::{
+        events::Events,
+        job::{Job, JobInput},
+    },
+    stage::{InputFiles, Interrupted, Kind, StageCx},
+    store::{self, Files, Key, NewEntry, NewRecording, Published, ResultStore},
 };
 
-/// A node that is ready to work.
-pub(super) struct Job<'a> {
-    pub(super) id: NodeId,
-    pub(super) node: &'a Node,
-    pub(super) key: Key,
-    /// Every input by port, with the node that made it.
-    pub(super) inputs: Vec<(&'static str, Vec<(NodeId, Entry)>)>,
-    /// Held until the output is published.
-    pub(super) _lock: KeyLock,
-}
-
 /// What the jobs of a run share.
-#[derive(Clone, Copy)]
-pub(super) struct Shop<'a> {
-    pub(super) store: &'a Store,
-    pub(super) run: &'a str,
-    pub(super) run_dir: &'a Path,
-    pub(super) events: &'a Events<'a>,
-    pub(super) cores: &'a Cores,
-    pub(super) teams: &'a Teams,
-    pub(super) stop: &'a AtomicBool,
+#[derive(Debug, Clone, Copy)]
+pub struct RunContext<'a> {
+    /// Has the inputs and takes the outputs.
+    pub store: &'a dyn ResultStore,
+    /// The kinds that jobs may name.
+    pub kinds: &'a [&'static Kind],
+    /// The id of the run.
+    pub run: &'a str,
+    /// The folder of the run, for live recordings.
+    pub run_dir: &'a Path,
+    /// Takes the events of the jobs.
+    pub events: &'a Events<'a>,
+    /// Set once the user asked to stop.
+    pub stop: &'a AtomicBool,
 }
 
-/// How a job ended.
-pub(super) enum Ended {
-    Published(Box<Published>),
-    Failed(Failure),
-    /// The user asked to stop.
-    Stopped,
-    /// An input cannot be used: its maker has to run again.
-    Damaged {
-        maker: NodeId,
-        what: String,
-    },
+/// Does the jobs of a run, several at once if several threads ask.
+#[derive(Debug)]
+pub struct Worker<'a> {
+    context: RunContext<'a>,
+    cores: Cores,
+    teams: Teams,
 }
 
-/// Does a job; returns how it ended and how long it took.
-pub(super) fn work(shop: Shop<'_>, job: Job<'_>) -> (Ended, f64) {
-    let start = Instant::now();
-    let threads = shop.cores.join(job.id);
-    // A panic of ours must end the node too, or the run would wait for it for ever.
-    let ended = catch_unwind(AssertUnwindSafe(|| attempt(shop, &job, threads, start)));
-    let ended = ended.unwrap_or_else(|payload| {
-        Err(Failure { text: format!("{:#}", panics::explain("", &*payload)), is_store: true })
-    });
-    shop.cores.leave(job.id);
-    (ended.unwrap_or_else(Ended::Failed), start.elapsed().as_secs_f64())
-}
+impl<'a> Worker<'a> {
+    /// A worker whose jobs share this many cores.
+    pub fn new(context: RunContext<'a>, cores: usize) -> Self {
+        Self { context, cores: Cores::new(cores), teams: Teams::new(cores.max(1)) }
+    }
 
-fn attempt(shop: Shop<'_>, job: &Job<'_>, threads: Threads, start: Instant) -> Result<Ended, Failure> {
-    let inputs = match load(shop.store, job).map_err(of_store)? {
-        Ok(inputs) => inputs,
-        Err((maker, what)) => return Ok(Ended::Damaged { maker, what }),
-    };
-    let host = NodeHost::new(&job.node.name, job.node.round, shop.events, shop.stop);
-    let mut recorder = recording::start(shop.run_dir, job.node, &job.key);
-    let made = {
+    /// Does a job.
+    pub fn perform(&self, job: &Job) -> JobOutcome {
+        let share = self.cores.join(job.threads);
+        self.attempt(job, share.threads(), Instant::now()).unwrap_or_else(JobOutcome::Failed)
+    }
+
+    fn attempt(&self, job: &Job, threads: Threads, start: Instant) -> Result<JobOutcome, Failure> {
+        let kind = self.kind(job).map_err(|error| Failure::of_system(&error))?;
+        let inputs = match self.load(job) {
+            Ok(inputs) => inputs,
+            Err(Unloaded::Damaged { made_by, problem }) => return Ok(JobOutcome::DamagedInput { made_by, problem }),
+            Err(Unloaded::Refused(error)) => return Err(Failure::of_system(&error.into())),
+        };
+        let key = job.key();
+        let host = NodeHost::new(&job.node, job.round, self.context.events, self.context.stop);
+        let mut recorder = recording::start(self.context.run_dir, job, &key);
+        let made = self.run_stage(kind, job, &inputs, threads, &mut recorder, &host);
+        drop(inputs);
+        let files = match made {
+            Ok(files) => files,
+            Err(error) if error.chain().any(|cause| cause.is::<Interrupted>()) => return Ok(JobOutcome::Stopped),
+            Err(error) => return Err(Failure::Stage(format!("{error:#}"))),
+        };
+        let made = Made { files, recorded: self.finish_recording(job, &key, recorder), host, start };
+        let published = self.publish(job, &key, made).map_err(|error| Failure::of_system(&error.into()))?;
+        Ok(JobOutcome::Published(Box::new(published)))
+    }
+
+    fn kind(&self, job: &Job) -> anyhow::Result<&'static Kind> {
+        let (name, version) = (&job.work.kind, job.work.version);
+        let kind = self.context.kinds.iter().find(|kind| kind.name == name && kind.version == version);
+        kind.copied().with_context(|| format!("this carl-pipe has no kind `{name}` of version {version}"))
+    }
+
+    fn run_stage(
+        &self,
+        kind: &Kind,
+        job: &Job,
+        inputs: &[Vec<Files>],
+        threads: Threads,
+        recorder: &mut Recorder,
+        host: &NodeHost<'_>,
+    ) -> anyhow::Result<Files> {
         let mut files = InputFiles::default();
-        for (port, values) in &inputs {
-            files.by_port.insert(port, values.iter().collect());
+        for (port, values) in job.inputs.iter().zip(inputs) {
+            let known = kind.ports.iter().find(|known| known.name == port.port);
+            let known = known.with_context(|| format!("`{}` has no input `{}`", kind.name, port.port))?;
+            files.by_port.insert(known.name, values.iter().collect());
         }
-        let stream = job.node.stream.clone();
-        let mut cx = StageCx::new(&mut recorder, &job.node.task, stream, job.node.round.unwrap_or(0), threads, &host);
-        shop.teams.run(|| (job.node.kind.run)(&job.node.params, &files, &mut cx))
-    };
-    drop(inputs);
-    let files = match made {
-        Ok(files) => files,
-        Err(error) if error.chain().any(|cause| cause.is::<Interrupted>()) => return Ok(Ended::Stopped),
-        Err(error) => return Err(Failure { text: format!("{error:#}"), is_store: false }),
-    };
-    publish(shop, job, &files, recorder, host, start)
-        .map(|published| Ended::Published(Box::new(published)))
-        .map_err(of_store)
+        let (stream, round) = (job.work.stream.clone(), job.round.unwrap_or(0));
+        let mut cx = StageCx::new(recorder, &job.work.task, stream, round, threads, host);
+        self.teams.run(|| (kind.run)(&job.work.params, &files, &mut cx))
+    }
+
+    fn finish_recording(&self, job: &Job, key: &Key, recorder: Recorder) -> Recorded {
+        let recorded = recording::finish(recorder, &self.canonical(key));
+        if let Some(warning) = &recorded.warning {
+            self.context.events.warn(Some(&job.node), warning.clone());
+        }
+        recorded
+    }
+
+    /// Where the finished recording of a key lies until it is published.
+    fn canonical(&self, key: &Key) -> PathBuf {
+        self.context.store.scratch().join(format!("{}-{}.mcap", self.context.run, key.digest.hex()))
+    }
+
+    fn publish(&self, job: &Job, key: &Key, made: Made<'_>) -> store::Result<Published> {
+        let recording = made.recorded.file.as_ref().map(|(file, messages)| NewRecording { file, messages: *messages });
+        self.context.store.publish(NewEntry {
+            key,
+            node: &job.node,
+            run: self.context.run,
+            files: &made.files,
+            recording,
+            metrics: made.host.into_metrics(),
+            secs: made.start.elapsed().as_secs_f64(),
+            recorder_secs: made.recorded.secs,
+        })
+    }
+
+    /// Loads and verifies the inputs of every port.
+    fn load(&self, job: &Job) -> Result<Vec<Vec<Files>>, Unloaded> {
+        job.inputs.iter().map(|port| port.inputs.iter().map(|input| self.load_input(input)).collect()).collect()
+    }
+
+    fn load_input(&self, input: &JobInput) -> Result<Files, Unloaded> {
+        let damaged = |problem: String| Unloaded::Damaged { made_by: input.made_by, problem };
+        let entry = self.context.store.entry(input.made_by).map_err(Unloaded::Refused)?;
+        let Some(entry) = entry.filter(|entry| entry.output == input.content) else {
+            return Err(damaged("its entry is gone".to_owned()));
+        };
+        self.context.store.load(&entry).map_err(|error| match error {
+            store::Error::Unusable { .. } => damaged(error.to_string()),
+            error => Unloaded::Refused(error),
+        })
+    }
 }
 
-fn publish(
-    shop: Shop<'_>,
-    job: &Job<'_>,
-    files: &Files,
-    recorder: crate::record::Recorder,
-    host: NodeHost<'_>,
+/// What a stage has made.
+struct Made<'a> {
+    files: Files,
+    recorded: Recorded,
+    host: NodeHost<'a>,
     start: Instant,
-) -> anyhow::Result<Published> {
-    let canonical = shop.store.temporary().join(format!("{}-{}.mcap", shop.run, job.id));
-    let recorded = recording::finish(recorder, &canonical);
-    if let Some(warning) = recorded.warning {
-        shop.events.warn(Some(&job.node.name), warning);
-    }
-    shop.store.publish(Draft {
-        key: &job.key,
-        node: &job.node.name,
-        run: shop.run,
-        files,
-        recording: recorded.file.as_ref().map(|(path, messages)| (path.as_path(), *messages)),
-        metrics: host.into_metrics(),
-        secs: start.elapsed().as_secs_f64(),
-        recorder_secs: recorded.secs,
-    })
 }
 
-type Loaded = Vec<(&'static str, Vec<Files>)>;
-
-/// Reads and verifies every input; the inner error names the maker of a bad one, and what is wrong.
-fn load(store: &Store, job: &Job<'_>) -> anyhow::Result<Result<Loaded, (NodeId, String)>> {
-    let mut loaded = Vec::new();
-    for (port, entries) in &job.inputs {
-        let mut values = Vec::new();
-        for (maker, entry) in entries {
-            match store.load(entry)? {
-                Ok(files) => values.push(files),
-                Err((file, why)) => return Ok(Err((*maker, format!("its {file} is {why}")))),
-            }
-        }
-        loaded.push((*port, values));
-    }
-    Ok(Ok(loaded))
-}
-
-fn of_store(error: anyhow::Error) -> Failure {
-    Failure { text: format!("{error:#}"), is_store: true }
+/// Why an input was not loaded.
+enum Unloaded {
+    Damaged { made_by: Digest, problem: String },
+    Refused(store::Error),
 }

@@ -6,7 +6,7 @@ use crate::support::pipeline::{ONLINE, kinds, node, overrides, taken};
 use carl_pipe::{
     diag::Diagnostics,
     pipeline::{Graph, Source, load_with},
-    run::key,
+    run::{key, node::Work},
 };
 use serde_json::json;
 
@@ -75,7 +75,7 @@ fn keys_do_not_tell_whether_a_file_extends_another_one() {
         .replace("epochs = 15", "epochs = 2")
         .replace("epochs = 400", "epochs = 4")
         .replace("warm_start = \"represent@prev\"", "warm_start = \"represent@prev\", agent = \"control@prev\"");
-    let keys = |graph: &Graph| graph.nodes.iter().map(key::without_inputs).collect::<Vec<_>>();
+    let keys = |graph: &Graph| graph.nodes.iter().map(|node| key::without_inputs(&Work::of(node))).collect::<Vec<_>>();
     assert_eq!(keys(&graph(SHORT, &[], &[])), keys(&graph(&whole, &[], &[])));
 }
 

@@ -8,10 +8,11 @@ use carl_pipe::{
     pipeline::{self, Graph, Overrides, Source},
     run::{
         key,
+        node::Work,
         plan::{Force, plan},
     },
     stage,
-    store::Store,
+    store::LocalStore,
 };
 
 const TASKS: [&str; 4] = ["planar", "swing_up", "cart_pole", "three_pole"];
@@ -41,7 +42,7 @@ fn graph_with(text: &str, set: &[&str], sweep: &[&str]) -> Graph {
 #[test]
 fn every_file_is_named_as_its_pipeline_and_plans() {
     let folder = tempfile::tempdir().unwrap();
-    let store = Store::open(folder.path()).unwrap();
+    let store = LocalStore::open(folder.path()).unwrap();
     for (name, text) in files() {
         let graph = graph(&text, &[]);
         assert_eq!(graph.name, name);
@@ -66,7 +67,7 @@ fn every_file_asks_for_the_same_work_as_before() {
             .map(|node| {
                 let inputs: BTreeMap<&str, Vec<String>> =
                     node.inputs.iter().map(|(port, sources)| (port.name, names(sources))).collect();
-                (&*node.name, serde_json::json!({ "key": key::without_inputs(node), "inputs": inputs }))
+                (&*node.name, serde_json::json!({ "key": key::without_inputs(&Work::of(node)), "inputs": inputs }))
             })
             .collect();
         let digest = Digest::of_json(&serde_json::json!(work));

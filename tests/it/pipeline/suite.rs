@@ -6,6 +6,7 @@ use crate::support::pipeline::{ONLINE, kinds, node, overrides, taken};
 use carl_pipe::{
     diag::Diagnostics,
     pipeline::{Graph, Source, load_with},
+    run::{key::without_inputs, node::Work},
 };
 
 const SUITE: &str = r#"schema = 1
@@ -130,7 +131,7 @@ fn targets_name_members_stages_of_members_and_stages_of_all() {
 fn labels_reach_no_node() {
     let plain = suite(&[], &[]);
     let labelled = try_load(&SUITE.replace("online CARL", "another"), &[], &[]).unwrap();
-    let keys = |graph: &Graph| graph.nodes.iter().map(carl_pipe::run::key::without_inputs).collect::<Vec<_>>();
+    let keys = |graph: &Graph| graph.nodes.iter().map(|node| without_inputs(&Work::of(node))).collect::<Vec<_>>();
     assert_eq!(keys(&plain), keys(&labelled));
 }
 

@@ -6,11 +6,11 @@ use crate::support::run::{Bench, Ear, chain, count, damage, graph, run, state};
 use carl_pipe::{
     run::{
         events::NodeState::{Cached, Failed, Ran},
-        execute::Options,
+        execute::{Failure, Options},
         plan::{Force, plan, select},
         why::{History, Reason, reason},
     },
-    store::Store,
+    store::LocalStore,
 };
 use serde_json::json;
 
@@ -133,7 +133,7 @@ fn a_copied_store_is_still_fresh() {
     let copy = bench.path("elsewhere");
     let status = std::process::Command::new("cp").arg("-r").arg(bench.store.root()).arg(&copy).status().unwrap();
     assert!(status.success());
-    let store = Store::open(&copy).unwrap();
+    let store = LocalStore::open(&copy).unwrap();
     for _ in 0..2 {
         let report = run(&store, &chain(1), &Options::default(), &Ear::default()).unwrap();
         assert_eq!(report.count(Cached), 3);
@@ -169,7 +169,7 @@ fn another_output_of_the_same_key_is_reported_and_the_first_counts() {
     let (first, _) = bench.run(&throw);
     fs::write(&dice, "5").unwrap();
     let (second, ear) = bench.run_with(&throw, &Options { force: Force::All, ..Options::default() });
-    assert_eq!(second.nodes[0].digest, first.nodes[0].digest);
+    assert_eq!(second.nodes[0].record.outcome.output, first.nodes[0].record.outcome.output);
     assert!(ear.warnings()[0].starts_with("`add` is not deterministic"), "{:?}", ear.warnings());
     // Once the first is lost, the second takes its place.
     fs::remove_file(bench.object(&first, "throw")).unwrap();
@@ -182,7 +182,7 @@ fn another_output_of_the_same_key_is_reported_and_the_first_counts() {
 fn a_store_of_another_format_is_refused() {
     let bench = Bench::new();
     fs::write(bench.store.root().join("store.json"), r#"{"store":"carl-pipe","format":99}"#).unwrap();
-    let error = Store::open(bench.store.root()).unwrap_err().to_string();
+    let error = LocalStore::open(bench.store.root()).unwrap_err().to_string();
     assert!(error.contains("is a store of format 99, but this carl-pipe reads format 1"), "{error}");
 }
 
@@ -193,7 +193,7 @@ fn the_plan_says_what_changed() {
     let graph = chain(11);
     let wanted = select(&graph, &[]).unwrap();
     let plan = plan(&graph, &wanted, &bench.store, &Force::None).unwrap();
-    let mut history = History::new(&bench.store.runs());
+    let mut history = History::new(&bench.runs());
     let told: Vec<_> =
         (0..3).map(|id| reason(&graph, &plan, id, &mut history).as_ref().map(Reason::to_string).unwrap()).collect();
     assert_eq!(told, ["plus 7 -> 11", "waits for a", "waits for b"]);
@@ -218,13 +218,14 @@ fn a_full_disk_is_told_and_publishes_nothing() {
         eprintln!("skipped: may not mount a small file system");
         return;
     }
-    let store = Store::open(&small.join("artifacts")).unwrap();
+    let store = LocalStore::open(&small.join("artifacts")).unwrap();
     let big = |bytes: u64| graph(&[("big", json!({"ballast": bytes}), &[]), ("next", json!({}), &["big"])]);
     let report = run(&store, &big(2_000_000), &Options::default(), &Ear::default()).unwrap();
     assert_eq!(state(&report, "big"), Failed);
     let failure = report.nodes[0].failure.clone().unwrap();
-    assert!(failure.is_store && failure.text.contains("No space left on device"), "{}", failure.text);
-    assert!(failure.text.contains("cannot write") && failure.text.contains("2000000 bytes"), "{}", failure.text);
+    let Failure::System(text) = failure else { panic!("{failure:?}") };
+    assert!(text.contains("No space left on device"), "{text}");
+    assert!(text.contains("cannot write") && text.contains("2000000 bytes"), "{text}");
     let report = run(&store, &big(1_000), &Options::default(), &Ear::default()).unwrap();
     assert_eq!(report.count(Ran), 2);
     drop(store);

@@ -1,4 +1,6 @@
-//! The cache and the runner, on toy kinds.
+//! The store, the cache and the runner, with toy kinds.
 
 mod cache;
+mod jobs;
 mod runs;
+mod store;

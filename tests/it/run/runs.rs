@@ -24,7 +24,7 @@ use carl_pipe::{
         replay::replay,
         runs,
     },
-    store::Store,
+    store::LocalStore,
 };
 use serde_json::json;
 
@@ -43,11 +43,11 @@ fn the_number_of_jobs_changes_no_digest() {
     let (first, _) = one.run_with(&wide(), &Options { jobs: 1, cores: 1, ..Options::default() });
     let (second, _) = many.run_with(&wide(), &Options { jobs: 8, cores: 2, ..Options::default() });
     let digests = |report: &carl_pipe::run::execute::Report| -> Vec<_> {
-        report.nodes.iter().map(|node| (node.digest, node.recording)).collect()
+        report.nodes.iter().map(|node| (node.record.outcome.output, node.record.outcome.recording)).collect()
     };
     assert_eq!(digests(&first), digests(&second));
     // Neither do folder, time and number of jobs reach a key.
-    let keys = |path| Manifest::read(path).unwrap().nodes.iter().map(|node| node.key).collect::<Vec<_>>();
+    let keys = |path| Manifest::read(path).unwrap().nodes.iter().map(|node| node.outcome.key).collect::<Vec<_>>();
     assert_eq!(keys(&first.path), keys(&second.path));
 }
 
@@ -62,7 +62,7 @@ fn a_failure_names_its_cause_and_stops_what_has_not_started() {
     let options = Options { jobs: 1, ..Options::default() };
     let (report, _) = bench.run_with(&graph, &options);
     assert_eq!(report.state, RunState::Failed);
-    assert_eq!(report.nodes[0].failure.as_ref().unwrap().text, "cannot add: no numbers");
+    assert_eq!(report.nodes[0].failure.as_ref().unwrap().text(), "cannot add: no numbers");
     assert_eq!((state(&report, "bad"), state(&report, "after"), state(&report, "apart")), (Failed, Pending, Pending));
     let (report, _) = bench.run_with(&graph, &Options { keep_going: true, ..options });
     assert_eq!((state(&report, "after"), state(&report, "apart")), (Pending, Ran));
@@ -74,7 +74,7 @@ fn a_panic_fails_only_its_node() {
     let bench = Bench::new();
     let graph = graph(&[("bad", json!({"behaviour": "panic:off by one"}), &[]), ("good", json!({"ticks": 5}), &[])]);
     let (report, _) = bench.run_with(&graph, &Options { keep_going: true, ..Options::default() });
-    let text = &report.nodes[0].failure.as_ref().unwrap().text;
+    let text = report.nodes[0].failure.as_ref().unwrap().text();
     assert!(text.starts_with("panicked at tests/it/support/run.rs:") && text.ends_with(": off by one"), "{text}");
     assert_eq!(state(&report, "good"), Ran);
 }
@@ -115,7 +115,7 @@ fn runs_beside_each_other_on_one_store_execute_each_node_once() {
         let runs: Vec<_> = (0..4)
             .map(|_| {
                 scope.spawn(|| {
-                    let store = Store::open(bench.store.root()).unwrap();
+                    let store = LocalStore::open(bench.store.root()).unwrap();
                     run(&store, &graph, &Options::default(), &Ear::default()).unwrap()
                 })
             })
@@ -132,9 +132,8 @@ fn runs_beside_each_other_on_one_store_execute_each_node_once() {
 fn a_replay_gives_equal_digests() {
     let bench = Bench::new();
     let (report, _) = bench.run(&wide());
-    let scratch = Store::open(&bench.path("scratch")).unwrap();
     let manifest = Manifest::read(&report.path).unwrap();
-    let replayed = replay(&manifest, &bench.store, &scratch, &Options::default(), &kind, &()).unwrap();
+    let replayed = replay(&manifest, &bench.store, &bench.path("scratch"), &Options::default(), &kind, &()).unwrap();
     assert_eq!((replayed.equal, replayed.differences.len()), (13, 0));
     assert_eq!(replayed.report.count(Ran), 13);
 }
@@ -148,9 +147,8 @@ fn a_replay_names_the_first_file_that_differs() {
     let (report, _) =
         bench.run(&graph(&[("a", json!({}), &[]), ("throw", throw, &["a"]), ("c", json!({}), &["throw"])]));
     fs::write(&dice, "5").unwrap();
-    let scratch = Store::open(&bench.path("scratch")).unwrap();
     let manifest = Manifest::read(&report.path).unwrap();
-    let replayed = replay(&manifest, &bench.store, &scratch, &Options::default(), &kind, &()).unwrap();
+    let replayed = replay(&manifest, &bench.store, &bench.path("scratch"), &Options::default(), &kind, &()).unwrap();
     assert_eq!(replayed.equal, 1);
     let first = &replayed.differences[0];
     assert_eq!((first.node.as_str(), first.what.as_str()), ("throw", "number.txt"));
@@ -161,17 +159,17 @@ fn a_cleaning_keeps_what_kept_runs_name() {
     let bench = Bench::new();
     bench.run(&chain(1));
     bench.run(&chain(2));
-    let root = bench.store.root().to_owned();
-    assert!(Store::open_alone(&root).unwrap_err().to_string().contains("is in use by a run"));
+    let (root, runs) = (bench.store.root().to_owned(), bench.runs());
+    assert!(LocalStore::open_alone(&root).unwrap_err().to_string().contains("is in use by a run"));
     let Bench { folder, store } = bench;
     drop(store);
-    let alone = Store::open_alone(&root).unwrap();
-    let counted = gc::clean(&alone, 1, true).unwrap();
-    let cleaned = gc::clean(&alone, 1, false).unwrap();
+    let alone = LocalStore::open_alone(&root).unwrap();
+    let counted = gc::clean(&alone, &runs, 1, true).unwrap();
+    let cleaned = gc::clean(&alone, &runs, 1, false).unwrap();
     assert_eq!(counted, cleaned);
     assert_eq!((cleaned.runs.len(), cleaned.entries, cleaned.objects), (1, 3, 6));
     drop(alone);
-    let bench = Bench { store: Store::open(&root).unwrap(), folder };
+    let bench = Bench { store: LocalStore::open(&root).unwrap(), folder };
     assert_eq!(bench.run(&chain(2)).0.count(Cached), 3);
     assert_eq!(bench.run(&chain(1)).1.ran(), ["a", "b", "c"]);
 }
@@ -182,7 +180,7 @@ fn runs_are_found_by_the_beginning_of_their_id() {
     let (first, _) = bench.run(&chain(1));
     thread::sleep(Duration::from_millis(2));
     let (second, _) = bench.run(&chain(1));
-    let all = bench.store.runs();
+    let all = bench.runs();
     assert_eq!(runs::list(&all).unwrap(), [second.run.clone(), first.run.clone()]);
     assert_eq!(runs::find(&all, "latest").unwrap(), second.path);
     assert_eq!(runs::find(&all, &first.run[..first.run.len() - 1]).unwrap(), first.path);

@@ -14,8 +14,8 @@ use serde_json::Value;
 fn write(folder: &Path, name: &str, files: &Files) {
     let folder = folder.join(name);
     std::fs::create_dir(&folder).expect("a folder");
-    for (name, bytes) in files {
-        std::fs::write(folder.join(name), bytes).expect("a file");
+    for (name, content) in files.iter() {
+        std::fs::write(folder.join(name), content.bytes().expect("bytes")).expect("a file");
     }
 }
 

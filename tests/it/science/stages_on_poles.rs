@@ -127,7 +127,7 @@ fn an_episode_may_start_as_another_protocol_says() {
     let measure = |env: &str, start: &str| {
         let given = json!({ "controller": "oracle", "episodes": 10, "start": start });
         let files = run(env, "evaluate", given, &[]);
-        let told: Value = serde_json::from_slice(&files["evaluation.json"]).expect("JSON");
+        let told: Value = serde_json::from_slice(&files.bytes("evaluation.json").expect("a file")).expect("JSON");
         assert_eq!(told.get("start").and_then(Value::as_str), (start != "usual").then_some(start));
         Evaluation::load(&files).expect("results")
     };
@@ -179,7 +179,7 @@ fn an_oracle_is_measured_without_model_and_agent() {
     assert!((evaluation.percent_goal - 98.5).abs() < 0.01, "{}", evaluation.percent_goal);
     assert_eq!(evaluation.policy_alone, evaluation.percent_goal);
     assert!((evaluation.share_of_ceiling.expect("a ceiling") - 100.0).abs() < 0.01);
-    let told: Value = serde_json::from_slice(&files["evaluation.json"]).expect("JSON");
+    let told: Value = serde_json::from_slice(&files.bytes("evaluation.json").expect("a file")).expect("JSON");
     assert_eq!(told["controller"], "oracle");
 }
 

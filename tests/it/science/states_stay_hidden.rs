@@ -180,8 +180,8 @@ fn tensors(bytes: &[u8]) -> Vec<(String, Dtype)> {
 fn transitions_hold_what_is_documented_and_no_coordinate_of_a_state() {
     let (transitions, states) = transitions(&PLANAR, 64);
     let files = transitions.save().expect("files");
-    assert_eq!(files.keys().collect::<Vec<_>>(), ["transitions.safetensors"]);
-    let bytes = &files["transitions.safetensors"];
+    assert_eq!(files.names().collect::<Vec<_>>(), ["transitions.safetensors"]);
+    let bytes = &files.bytes("transitions.safetensors").expect("a file");
     let documented = [
         ("actions", Dtype::F32),
         ("goal_index", Dtype::U32),
@@ -217,12 +217,19 @@ fn transitions_hold_what_is_documented_and_no_coordinate_of_a_state() {
 fn stages_that_meet_the_world_hand_on_transitions_of_the_documented_form() {
     let chain = stages::Chain::run();
     for files in [&chain.bootstrap, &chain.collected] {
-        let names: Vec<_> = tensors(&files["transitions.safetensors"]).into_iter().map(|(name, _)| name).collect();
+        let names: Vec<_> = tensors(&files.bytes("transitions.safetensors").expect("a file"))
+            .into_iter()
+            .map(|(name, _)| name)
+            .collect();
         assert_eq!((names.len(), files.len()), (5, 1));
         assert_eq!(names, ["actions", "goal_index", "goals", "next_observations", "observations"]);
     }
     for files in [&chain.model, &chain.agent, &chain.distilled] {
-        for (name, _) in files.iter().filter(|(name, _)| name.ends_with(".safetensors")).flat_map(|(_, b)| tensors(b)) {
+        for (name, _) in files
+            .iter()
+            .filter(|(name, _)| name.ends_with(".safetensors"))
+            .flat_map(|(_, b)| tensors(&b.bytes().expect("bytes")))
+        {
             let parts = ["weight", "bias", "background", "log_alpha", "log_alpha/m", "log_alpha/v"];
             let whitening = ["whitening/mean", "whitening/inverse"];
             let is_known =
@@ -239,10 +246,10 @@ fn training_does_not_notice_where_the_last_episode_stands() {
     let learned: &stages::Inputs<'_> =
         &[("model", &[&chain.model]), ("agent", &[&chain.agent]), ("last", &[&chain.collected])];
     let collected = stages::run("collect", json!({ "samples": 30, "continue": true }), learned);
-    assert_eq!(collected.keys().collect::<Vec<_>>(), ["standing.json", "transitions.safetensors"]);
+    assert_eq!(collected.names().collect::<Vec<_>>(), ["standing.json", "transitions.safetensors"]);
     let mut lies = collected.clone();
     let standing = json!({ "before": [9, 9], "state": [9, 9], "goal": 0, "steps": 1 });
-    lies.insert("standing.json".to_owned(), serde_json::to_vec(&standing).expect("JSON"));
+    lies.insert("standing.json", serde_json::to_vec(&standing).expect("JSON"));
     assert_ne!(Collected::load(&lies).expect("files"), Collected::load(&collected).expect("files"));
     assert_eq!(Transitions::load(&lies).expect("files"), Transitions::load(&collected).expect("files"));
     assert_eq!(train(&lies), train(&collected));

@@ -29,7 +29,7 @@ macro_rules! artifact {
                 Ok(Files::from([("value.json".to_owned(), serde_json::to_vec(&self.0)?)]))
             }
             fn load(files: &Files) -> anyhow::Result<Self> {
-                Ok(Self(serde_json::from_slice(&files["value.json"])?))
+                Ok(Self(serde_json::from_slice(&files.bytes("value.json")?)?))
             }
         }
     };

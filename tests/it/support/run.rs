@@ -17,10 +17,12 @@ use carl_pipe::{
     run::{
         events::{Event, Listener, NodeState},
         execute::{self, Options, Order, Report},
+        node::NodeRecord,
         plan::select,
+        runs,
     },
     stage::{Arity, InputFiles, Kind, Port, StageCx},
-    store::{Found, Store},
+    store::{LocalStore, Lookup, ResultStore as _},
 };
 use serde_json::{Value, json};
 
@@ -62,7 +64,7 @@ fn add(params: &Value, inputs: &InputFiles<'_>, cx: &mut StageCx<'_>) -> anyhow:
     }
     let mut sum = params["plus"].as_i64().unwrap_or(0);
     for files in inputs.by_port.get("terms").into_iter().flatten() {
-        let number: i64 = std::str::from_utf8(&files["number.txt"])?.parse()?;
+        let number: i64 = std::str::from_utf8(&files.bytes("number.txt")?)?.parse()?;
         sum += number;
     }
     if let Some(modulo) = params["modulo"].as_i64() {
@@ -113,6 +115,7 @@ pub fn graph(nodes: &[(&str, Value, &[&str])]) -> Graph {
             kind: kind("add").unwrap(),
             params: params.clone(),
             task: serde_json::from_value(json!({"env": "planar"})).unwrap(),
+            platform: carl_pipe::num::PLATFORM,
             stream: Stream { seed: 0, kind: "add".to_owned(), round: 0, stream: None },
             inputs: vec![(&PORTS[0], sources)],
             is_last: true,
@@ -126,7 +129,7 @@ pub fn graph(nodes: &[(&str, Value, &[&str])]) -> Graph {
 pub struct Ear(Mutex<Vec<Event>>);
 
 impl Listener for Ear {
-    fn hear(&self, event: &Event) {
+    fn on_event(&self, event: &Event) {
         self.0.lock().unwrap().push(event.clone());
     }
 }
@@ -154,18 +157,23 @@ impl Ear {
 /// A store in a folder of its own.
 pub struct Bench {
     pub folder: tempfile::TempDir,
-    pub store: Store,
+    pub store: LocalStore,
 }
 
 impl Bench {
     pub fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let store = Store::open(&folder.path().join("artifacts")).unwrap();
+        let store = LocalStore::open(&folder.path().join("artifacts")).unwrap();
         Self { folder, store }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.path().join(name)
+    }
+
+    /// The folder of the runs.
+    pub fn runs(&self) -> PathBuf {
+        runs::folder(self.store.root())
     }
 
     pub fn run(&self, graph: &Graph) -> (Report, Ear) {
@@ -186,16 +194,16 @@ impl Bench {
     /// Where the entry of a node lies.
     pub fn entry(&self, report: &Report, node: &str) -> PathBuf {
         let manifest = carl_pipe::run::manifest::Manifest::read(&report.path).unwrap();
-        let key = manifest.nodes.iter().find(|record| record.name == node).unwrap().key.unwrap();
-        assert!(matches!(self.store.find(key).unwrap(), Found::Hit(_)));
+        let key = manifest.nodes.iter().find(|record| record.about.name == node).unwrap().outcome.key.unwrap();
+        assert!(matches!(self.store.find(key).unwrap(), Lookup::Hit(_)));
         let hex = key.hex();
         self.store.root().join("keys").join(&hex[..2]).join(format!("{}.json", &hex[2..]))
     }
 }
 
-pub fn run(store: &Store, graph: &Graph, options: &Options, ear: &Ear) -> anyhow::Result<Report> {
+pub fn run(store: &LocalStore, graph: &Graph, options: &Options, ear: &Ear) -> anyhow::Result<Report> {
     let order = Order { graph, wanted: select(graph, &[]).unwrap(), text: "", argv: Vec::new() };
-    execute::run(store, &order, options, ear)
+    execute::run(store, &runs::folder(store.root()), &order, options, ear)
 }
 
 /// How often the nodes with this trace ran.
@@ -203,9 +211,14 @@ pub fn count(trace: &Path) -> usize {
     fs::read(trace).map_or(0, |bytes| bytes.len())
 }
 
+/// The record of a node.
+pub fn record<'a>(report: &'a Report, node: &str) -> &'a NodeRecord {
+    &report.nodes.iter().find(|it| it.record.about.name == node).unwrap().record
+}
+
 /// The state of a node.
 pub fn state(report: &Report, node: &str) -> NodeState {
-    report.nodes.iter().find(|it| it.name == node).unwrap().state
+    record(report, node).outcome.state
 }
 
 /// `a -> b -> c`.

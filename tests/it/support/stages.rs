@@ -206,5 +206,5 @@ impl Chain {
 
 /// The content digest of an artifact, over its file names and their bytes.
 pub fn digest(files: &Files) -> Digest {
-    Digest::of_files(files.iter().map(|(name, bytes)| (name.as_str(), Digest::of_bytes(bytes))))
+    Digest::of_files(files.iter().map(|(name, content)| (name, Digest::of_bytes(&content.bytes().expect("bytes")))))
 }

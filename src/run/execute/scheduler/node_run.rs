@@ -1,0 +1,78 @@
+//! Where one node of a run stands.
+
+use crate::{
+    digest::Digest,
+    run::{events::NodeState, execute::Failure},
+    store::{Entry, Key, KeyLock},
+};
+
+/// A wanted node in a run.
+#[derive(Debug)]
+pub(super) struct NodeRun {
+    /// Where it stands.
+    pub(super) phase: Phase,
+    /// Its row in the manifest.
+    pub(super) row: usize,
+    /// Seconds that it worked in this run.
+    pub(super) worked_secs: f64,
+    /// The key that it made in this run.
+    pub(super) made: Option<Digest>,
+    /// How often its output was found damaged in this run.
+    repairs: u32,
+    /// Whether the user was told that another process works on it.
+    pub(super) has_said_waiting: bool,
+}
+
+/// Where a wanted node stands.
+#[derive(Debug)]
+pub(super) enum Phase {
+    /// An input is missing.
+    Waiting,
+    /// All inputs are there. It starts as soon as there is room, and no other process works on its key.
+    Ready(Key),
+    /// It works. The lock keeps other processes from working on the same key.
+    Running { key: Key, _lock: Box<dyn KeyLock> },
+    /// Its output is in the store.
+    Done(Box<Entry>),
+    /// It failed.
+    Failed(Failure),
+    /// The user stopped it.
+    Stopped,
+}
+
+impl NodeRun {
+    /// A node that waits.
+    pub(super) fn new(row: usize) -> Self {
+        Self { phase: Phase::Waiting, row, worked_secs: 0.0, made: None, repairs: 0, has_said_waiting: false }
+    }
+
+    /// The key that the node works on.
+    pub(super) fn running(&self) -> Option<&Key> {
+        if let Phase::Running { key, .. } = &self.phase { Some(key) } else { None }
+    }
+
+    /// The entry of its output.
+    pub(super) fn entry(&self) -> Option<&Entry> {
+        if let Phase::Done(entry) = &self.phase { Some(entry) } else { None }
+    }
+
+    /// Why it failed.
+    pub(super) fn failure(&self) -> Option<&Failure> {
+        if let Phase::Failed(failure) = &self.phase { Some(failure) } else { None }
+    }
+
+    /// Counts that its output was found damaged; returns how often it was.
+    pub(super) fn count_repair(&mut self) -> u32 {
+        self.repairs += 1;
+        self.repairs
+    }
+
+    /// The state that events and manifests show for a node that ended without an output.
+    pub(super) fn state_without_output(&self) -> NodeState {
+        match self.phase {
+            Phase::Failed(_) => NodeState::Failed,
+            Phase::Stopped => NodeState::Stopped,
+            _ => NodeState::Pending,
+        }
+    }
+}

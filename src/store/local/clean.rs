@@ -1,0 +1,117 @@
+//! Removes what is no longer wanted: entries first, then objects, so that a kill half-way loses nothing wanted.
+
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use super::{LocalStore, entry_below_root, object_below_root};
+use crate::{
+    digest::Digest,
+    store::{Entry, Result, error::OrIo as _},
+};
+
+/// What a cleaning keeps.
+#[derive(Debug, Default)]
+pub struct Kept {
+    keys: BTreeSet<Digest>,
+    objects: BTreeSet<Digest>,
+}
+
+impl Kept {
+    /// Keeps an entry and all objects that it names.
+    pub fn add(&mut self, entry: &Entry) {
+        self.keys.insert(entry.key_digest);
+        self.objects.extend(entry.files.iter().map(|file| file.object));
+        self.objects.extend(entry.recording.as_ref().map(|recording| recording.object));
+    }
+}
+
+/// What a cleaning removes, or would remove.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub struct Removed {
+    /// Entries.
+    pub entries: usize,
+    /// Objects.
+    pub objects: usize,
+    /// Bytes of objects and of files that were set aside.
+    pub bytes: u64,
+}
+
+impl LocalStore {
+    /// Removes all entries and objects but `kept`. The store must be open alone, so that no other process publishes
+    /// meanwhile. `dry_run` only counts.
+    ///
+    /// # Errors
+    /// The system refused an operation.
+    pub fn clean(&self, kept: &Kept, dry_run: bool) -> Result<Removed> {
+        let mut removed = Removed::default();
+        let entries: BTreeSet<PathBuf> = kept.keys.iter().map(|key| entry_below_root(*key)).collect();
+        for path in self.files_below("keys")?.into_iter().filter(|path| !entries.contains(path)) {
+            removed.entries += 1;
+            remove_file(&self.root.join(path), dry_run)?;
+        }
+        let objects: BTreeSet<PathBuf> = kept.objects.iter().map(|object| object_below_root(*object)).collect();
+        for path in self.files_below("objects")?.into_iter().filter(|path| !objects.contains(path)) {
+            removed.objects += 1;
+            removed.bytes += remove_file(&self.root.join(path), dry_run)?;
+        }
+        for folder in ["bad", "tmp", "locks"] {
+            for item in fs::read_dir(self.root.join(folder)).into_iter().flatten().flatten() {
+                removed.bytes += item.metadata().map_or(0, |meta| meta.len());
+                remove_any(&item.path(), dry_run)?;
+            }
+        }
+        Ok(removed)
+    }
+
+    /// Every whole entry of the store.
+    ///
+    /// # Errors
+    /// The system refused an operation.
+    pub fn entries(&self) -> Result<Vec<Entry>> {
+        let mut entries = Vec::new();
+        for path in self.files_below("keys")? {
+            let hex: String = path.iter().skip(1).map(|part| part.to_string_lossy()).collect();
+            if let Ok(key) = format!("b3:{}", hex.trim_end_matches(".json")).parse::<Digest>() {
+                entries.extend(self.read_entry(key)?.entry());
+            }
+        }
+        Ok(entries)
+    }
+
+    /// Every file two levels below a folder of the store, relative to the store.
+    fn files_below(&self, folder: &str) -> Result<Vec<PathBuf>> {
+        let mut files = Vec::new();
+        for prefix in paths_in(&self.root.join(folder))? {
+            if prefix.is_dir() {
+                let paths = paths_in(&prefix)?;
+                files.extend(paths.iter().map(|path| path.strip_prefix(&self.root).unwrap_or(&prefix).to_owned()));
+            }
+        }
+        files.sort();
+        Ok(files)
+    }
+}
+
+fn paths_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    let paths = fs::read_dir(folder).and_then(|items| items.map(|item| Ok(item?.path())).collect());
+    paths.or_io(|| format!("cannot read {}", folder.display()))
+}
+
+fn remove_file(path: &Path, dry_run: bool) -> Result<u64> {
+    let bytes = fs::symlink_metadata(path).map_or(0, |meta| meta.len());
+    if !dry_run {
+        fs::remove_file(path).or_io(|| format!("cannot remove {}", path.display()))?;
+    }
+    Ok(bytes)
+}
+
+fn remove_any(path: &Path, dry_run: bool) -> Result<()> {
+    if dry_run {
+        return Ok(());
+    }
+    let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+    removed.or_io(|| format!("cannot remove {}", path.display()))
+}

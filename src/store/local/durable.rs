@@ -1,0 +1,120 @@
+//! Files that appear whole or not at all, and survive a power cut once they have appeared.
+
+use std::{
+    fs::{self, File},
+    io::{self, Write as _},
+    os::unix::fs::PermissionsExt as _,
+    path::{Path, PathBuf},
+};
+
+use tempfile::{Builder, NamedTempFile, TempPath};
+
+use crate::{
+    digest::Digest,
+    store::{Result, error::OrIo as _},
+};
+
+/// A file that does not have its final name yet. It is removed if it never gets one.
+#[derive(Debug)]
+pub(super) struct Temporary(NamedTempFile);
+
+impl Temporary {
+    /// Writes bytes to a new file in `folder`. They do not survive a power cut yet.
+    pub(super) fn write(folder: &Path, bytes: &[u8]) -> Result<Self> {
+        let context = || format!("cannot write in {} ({} bytes)", folder.display(), bytes.len());
+        let mut file = fresh_file(folder, "").or_io(context)?;
+        file.write_all(bytes).or_io(context)?;
+        Ok(Self(file))
+    }
+
+    /// Takes over the file at `path`. A file in another file system is copied to `folder` first.
+    pub(super) fn take_over(path: &Path, folder: &Path) -> Result<Self> {
+        let context = || format!("cannot take over {}", path.display());
+        if Self::is_on_other_device(path, folder).or_io(context)? {
+            let mut copy = fresh_file(folder, "").or_io(context)?;
+            io::copy(&mut File::open(path).or_io(context)?, &mut copy).or_io(context)?;
+            fs::remove_file(path).or_io(context)?;
+            return Ok(Self(copy));
+        }
+        let file = File::open(path).or_io(context)?;
+        let path = TempPath::try_from_path(path).or_io(context)?;
+        Ok(Self(NamedTempFile::from_parts(file, path)))
+    }
+
+    fn is_on_other_device(path: &Path, folder: &Path) -> io::Result<bool> {
+        use std::os::unix::fs::MetadataExt as _;
+        Ok(fs::metadata(path)?.dev() != fs::metadata(folder)?.dev())
+    }
+
+    /// The digest of the bytes.
+    pub(super) fn digest(&self) -> Result<Digest> {
+        let digest = File::open(self.0.path()).and_then(Digest::of_reader);
+        digest.or_io(|| format!("cannot read {}", self.0.path().display()))
+    }
+
+    /// Makes the file read-only and its bytes safe from a power cut.
+    pub(super) fn seal(&self) -> Result<()> {
+        let file = self.0.as_file();
+        let sealed = file.set_permissions(fs::Permissions::from_mode(0o444)).and_then(|()| file.sync_all());
+        sealed.or_io(|| format!("cannot write {}", self.0.path().display()))
+    }
+
+    /// Gives the file its name; returns false, and removes the file, where another file has that name.
+    pub(super) fn place(self, name: &Path) -> Result<bool> {
+        match self.0.persist_noclobber(name) {
+            Ok(_) => Ok(true),
+            Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+            Err(error) => Err(error.error).or_io(|| format!("cannot write {}", name.display())),
+        }
+    }
+
+    /// Gives the file its name, in place of the file that has it.
+    pub(super) fn replace(self, name: &Path) -> Result<()> {
+        let placed = self.0.persist(name).map_err(|error| error.error);
+        placed.map(|_| ()).or_io(|| format!("cannot write {}", name.display()))
+    }
+}
+
+/// A new file in `folder` whose name no other file has; `suffix` ends the name.
+fn fresh_file(folder: &Path, suffix: &str) -> io::Result<NamedTempFile> {
+    // The umask narrows these rights, as for any other file of the user.
+    let rights = fs::Permissions::from_mode(0o666);
+    Builder::new().prefix("").suffix(suffix).permissions(rights).tempfile_in(folder)
+}
+
+/// Moves a file to a fresh name in `folder`; the name ends in the file's own.
+pub(super) fn move_aside(path: &Path, folder: &Path) -> io::Result<PathBuf> {
+    let name = path.file_name().map_or_else(String::new, |name| format!("-{}", name.to_string_lossy()));
+    let place = fresh_file(folder, &name)?.into_temp_path();
+    fs::rename(path, &place)?;
+    place.keep().map_err(|error| error.error)
+}
+
+/// Replaces a small file whole; `durable` also makes it safe from a power cut.
+///
+/// # Errors
+/// The system refused an operation.
+pub fn replace_file(path: &Path, bytes: &[u8], durable: bool) -> Result<()> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let temporary = Temporary::write(folder, bytes)?;
+    if durable {
+        temporary.0.as_file().sync_all().or_io(|| format!("cannot write {}", path.display()))?;
+    }
+    temporary.replace(path)?;
+    if durable { sync_folder(folder) } else { Ok(()) }
+}
+
+/// Makes the names in a folder safe from a power cut.
+pub(super) fn sync_folder(folder: &Path) -> Result<()> {
+    let synced = File::open(folder).and_then(|folder| folder.sync_all());
+    synced.or_io(|| format!("cannot write {}", folder.display()))
+}
+
+/// Makes a folder whose name survives a power cut.
+pub(super) fn make_folder(folder: &Path) -> Result<()> {
+    match fs::create_dir(folder) {
+        Ok(()) => sync_folder(folder.parent().unwrap_or(Path::new("."))),
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(()),
+        Err(error) => Err(error).or_io(|| format!("cannot make {}", folder.display())),
+    }
+}
