@@ -140,18 +140,19 @@ fn by_round(run: &OneRun<'_>, outcomes: Vec<Outcome>, args: &Args) -> Result<Exi
     }
     let maps = run.maps();
     let curve_name = format!("{}.svg", measured.first().map_or("percent_goal", |outcome| outcome.headline));
-    let mut pictures = Vec::new();
-    if !measured.is_empty() {
-        pictures.push(Picture { name: curve_name.clone(), svg: chart::by_round(&run.pipeline, &measured) });
-    }
-    if !maps.is_empty() {
-        pictures.push(Picture { name: "latent_map.svg".to_owned(), svg: run.latent_maps(&maps, &args.point)? });
-    }
-    if pictures.is_empty() {
+    if measured.is_empty() && maps.is_empty() {
         let files = format!("{curve_name} and latent_map.svg");
         return Err(run.lacks("neither an evaluation nor a latent map", &files));
     }
-    write(&args.output, pictures)?;
+    // The curve first, since it can be drawn even where a map cannot be read.
+    if !measured.is_empty() {
+        let svg = chart::by_round(&run.pipeline, &measured);
+        write(&args.output, vec![Picture { name: curve_name.clone(), svg }])?;
+    }
+    if !maps.is_empty() {
+        let svg = run.latent_maps(&maps, &args.point)?;
+        write(&args.output, vec![Picture { name: "latent_map.svg".to_owned(), svg }])?;
+    }
     if measured.is_empty() {
         return Err(run.lacks("no evaluation", &curve_name));
     }

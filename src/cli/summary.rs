@@ -112,8 +112,8 @@ impl<'a> End<'a> {
         if !global.quiet {
             let elsewhere = global.artifacts != Path::new("artifacts") && std::env::var_os("CARL_ARTIFACTS").is_none();
             let folder = if elsewhere { format!(" --artifacts {}", global.artifacts.display()) } else { String::new() };
-            let view = format!("carl-pipe view {}{folder}", report.run);
-            out::line(&paint.dim(&format!("look: {view}  or  {}/", report.path.display())));
+            let verbs = ["view", "plot"].map(|verb| format!("carl-pipe {verb} {}{folder}", report.run));
+            out::line(&paint.dim(&format!("look: {}  or  {}/", verbs.join("  or  "), report.path.display())));
         }
     }
 
