@@ -5,12 +5,10 @@
 //! of the dynamics. All numbers are in double precision.
 
 mod dynamics;
-mod matrix;
 #[cfg(test)]
 mod tests;
 
-use self::matrix::Matrix;
-use crate::num::{rng::Rng, sampling};
+use crate::num::{linalg::Matrix, rng::Rng, sampling};
 
 pub use dynamics::{Dynamics, Jacobians, LatentDynamics};
 

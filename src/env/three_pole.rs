@@ -14,7 +14,7 @@ use super::{
     planner::{Effort, improve},
     pole::{self, GRAVITY, disturbed, share, within, wrap},
 };
-use crate::num::rng::Rng;
+use crate::num::{linalg::solve_positive_definite, rng::Rng};
 
 const SIDE: usize = 80;
 /// Of every link, a rod: mass in kg, length in m, and where its weight is.
@@ -150,7 +150,7 @@ impl ThreePole {
             inertia[i][i] += RIDGE;
             force[i] -= torques[i];
         }
-        let acceleration = solve(inertia, force, n);
+        let acceleration = solve_positive_definite(inertia, force, n);
         let mut slope = [0.0; 6];
         for i in 0..n {
             (slope[2 * i], slope[2 * i + 1]) = (state[2 * i + 1], acceleration[i]);
@@ -215,26 +215,6 @@ fn onto_joints(inertia: &mut [[f64; 3]; 3], force: &mut [f64; 3], n: usize) {
             row[j] += row[j + 1];
         }
     }
-}
-
-/// Solves for positive definite `a` of size `n`.
-fn solve(mut a: [[f64; 3]; 3], mut b: [f64; 3], n: usize) -> [f64; 3] {
-    for pivot in 0..n {
-        for row in pivot + 1..n {
-            let share = a[row][pivot] / a[pivot][pivot];
-            for column in pivot..n {
-                a[row][column] -= share * a[pivot][column];
-            }
-            b[row] -= share * b[pivot];
-        }
-    }
-    for row in (0..n).rev() {
-        for column in row + 1..n {
-            b[row] -= a[row][column] * b[column];
-        }
-        b[row] /= a[row][row];
-    }
-    b
 }
 
 /// The angle of every link against the upright.

@@ -1,13 +1,12 @@
-//! Batches cut into runs of samples: all buffers of a training step, cut at the same sample.
+//! Batches cut into parts for threads: all buffers of a training step are cut at the same sample.
 
-use super::mlp::PassMut;
 use crate::num::Real;
 
-/// A buffer with the same number of entries for every sample.
+/// A buffer with `width` numbers for every sample.
 #[derive(Debug, Clone)]
 pub(crate) struct Block<T> {
     width: usize,
-    /// All entries, sample by sample.
+    /// All numbers, sample by sample.
     pub(crate) data: Vec<T>,
 }
 
@@ -30,14 +29,15 @@ pub(crate) struct BlockMut<'a, T> {
 }
 
 impl<T> BlockMut<'_, T> {
-    /// The entries of one sample.
+    /// The numbers of one sample.
     pub(crate) fn sample(&mut self, sample: usize) -> &mut [T] {
         &mut self.data[sample * self.width..][..self.width]
     }
 }
 
-/// Buffers that can be cut at a sample.
+/// Buffers that can be cut between two samples.
 pub(crate) trait Cut: Sized {
+    /// The first `samples` samples and the rest.
     fn cut(self, samples: usize) -> (Self, Self);
 }
 
@@ -48,33 +48,13 @@ impl<T> Cut for BlockMut<'_, T> {
     }
 }
 
-/// What all samples share is not cut.
-impl<S: ?Sized> Cut for &S {
-    fn cut(self, _: usize) -> (Self, Self) {
-        (self, self)
-    }
-}
-
-/// One entry for every sample.
-impl<S> Cut for &mut [S] {
-    fn cut(self, samples: usize) -> (Self, Self) {
-        self.split_at_mut(samples)
-    }
-}
-
-impl<T: Real, const L: usize> Cut for PassMut<'_, T, L> {
-    fn cut(self, samples: usize) -> (Self, Self) {
-        self.split_at(samples)
-    }
-}
-
 impl<C: Cut, const L: usize> Cut for [C; L] {
     fn cut(self, samples: usize) -> (Self, Self) {
         let mut rights = [const { None }; L];
-        let mut room = rights.iter_mut();
+        let mut next_right = rights.iter_mut();
         let lefts = self.map(|buffer| {
             let (left, right) = buffer.cut(samples);
-            *room.next().expect("room for as many") = Some(right);
+            *next_right.next().expect("one right part for each buffer") = Some(right);
             left
         });
         (lefts, rights.map(|right| right.expect("cut above")))
@@ -83,9 +63,9 @@ impl<C: Cut, const L: usize> Cut for [C; L] {
 
 /// Declares a struct of buffers that are cut together.
 macro_rules! cut_together {
-    ($(#[$meta:meta])* $vis:vis struct $name:ident<$life:lifetime, T> { $( $field_vis:vis $field:ident : $ty:ty ),* $(,)? }) => {
+    ($(#[$meta:meta])* $vis:vis struct $name:ident<$life:lifetime, T> { $( $field:ident : $ty:ty ),* $(,)? }) => {
         $(#[$meta])*
-        $vis struct $name<$life, T> { $( $field_vis $field: $ty ),* }
+        $vis struct $name<$life, T> { $( $field: $ty ),* }
 
         impl<T: $crate::num::Real> $crate::nn::columns::Cut for $name<'_, T> {
             fn cut(self, samples: usize) -> (Self, Self) {
@@ -97,10 +77,11 @@ macro_rules! cut_together {
 }
 pub(crate) use cut_together;
 
-/// Pieces that samples are cut into at most; buffers of which every thread needs its own are there as often.
+/// The greatest number of parts of a batch. Buffers that every thread needs for itself exist this many times.
 pub(crate) const MAX_THREADS: usize = 16;
 
-/// Runs `work` on all samples, cut into as many runs as there are threads. `work` gets the first sample's number.
+/// Runs `work` on all samples, cut into as many parts as there are threads. `work` gets the number of its first sample, its
+/// number of samples, and their buffers.
 pub(crate) fn over_samples<C, F>(threads: usize, first: usize, samples: usize, columns: C, work: &F)
 where
     C: Cut + Send,

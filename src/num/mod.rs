@@ -1,5 +1,7 @@
-//! Numerics that every layer may use: random streams, sampling, portable functions, vectors, threads, statistics.
+//! Numerics that every layer may use: random streams, sampling, portable functions, small linear algebra, vector
+//! registers, threads, statistics.
 
+pub mod linalg;
 pub mod math;
 mod real;
 pub mod rng;

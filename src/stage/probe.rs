@@ -5,6 +5,7 @@ use crate::{
     artifact::{Codes, LatentMap},
     env::Task,
     lce::LceModel,
+    num::linalg::solve_augmented,
     record::{At, MapFrame, Recorder, topic},
 };
 
@@ -71,40 +72,17 @@ fn affine_fit(codes: &[f32], latent: usize, coordinates: &[Vec<f32>]) -> f64 {
             }
         }
     }
-    if !eliminate(&mut equations) {
-        return 0.0;
-    }
+    let Some(weights) = solve_augmented(equations) else { return 0.0 };
     let (mut rest, mut total) = (0.0, 0.0);
     for k in 0..count {
         let mean = coordinates.iter().map(|p| f64::from(p[k])).sum::<f64>() / coordinates.len() as f64;
-        let weights: Vec<f64> = (0..width).map(|a| equations[a][width + k] / equations[a][a]).collect();
         for (i, place) in coordinates.iter().enumerate() {
-            let read = row(i).iter().zip(&weights).map(|(x, w)| x * w).sum::<f64>();
+            let read = row(i).iter().zip(&weights).map(|(x, w)| x * w[k]).sum::<f64>();
             rest += (f64::from(place[k]) - read).powi(2);
             total += (f64::from(place[k]) - mean).powi(2);
         }
     }
     1.0 - rest / total
-}
-
-/// Gauss-Jordan elimination with row pivots: leaves a diagonal matrix. `false` for a singular one.
-fn eliminate(equations: &mut [Vec<f64>]) -> bool {
-    for pivot in 0..equations.len() {
-        let size = |a: usize| equations[a][pivot].abs();
-        let best = (pivot..equations.len()).max_by(|&a, &b| size(a).total_cmp(&size(b)));
-        equations.swap(pivot, best.unwrap_or(pivot));
-        if equations[pivot][pivot].abs() < 1e-12 {
-            return false;
-        }
-        let lead = equations[pivot].clone();
-        for (a, equation) in equations.iter_mut().enumerate() {
-            if a != pivot {
-                let share = equation[pivot] / lead[pivot];
-                equation.iter_mut().zip(&lead).for_each(|(entry, lead)| *entry -= share * lead);
-            }
-        }
-    }
-    true
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! The dynamics that iLQR plans with: the next code, and its Jacobians.
 
-use super::matrix::Matrix;
 use crate::{
     lce::LceModel,
     nn::mlp::{Linear, Mlp, Pass},
+    num::linalg::Matrix,
 };
 
 /// The Jacobians of dynamics f at one point.

@@ -1,5 +1,5 @@
-//! Gradients of convolutions' weights, summed over equal shares of a batch, in order, and then over the shares: no sum
-//! depends on how many threads there were.
+//! Weight gradients of convolutions, summed within shards of the batch and then over the shards, both in order. So no
+//! sum depends on the number of threads.
 
 use std::ops::Range;
 
@@ -9,10 +9,10 @@ use crate::{
     num::{Real, simd::vectorize},
 };
 
-/// ShardSums of a batch.
-const SHARES: usize = 8;
+/// Shards of a batch.
+const SHARDS: usize = 8;
 
-/// What every thread has of its own, one for each.
+/// One set of buffers per thread.
 #[derive(Debug)]
 pub struct PerThread<'a, S>(pub(super) &'a mut [S]);
 
@@ -23,6 +23,7 @@ impl<S> Cut for PerThread<'_, S> {
     }
 }
 
+/// What the threads cut up among them: the sums, by shard, and their buffers.
 struct Columns<'a, T, S> {
     sums: BlockMut<'a, T>,
     per_thread: PerThread<'a, S>,
@@ -35,7 +36,8 @@ impl<T, S> Cut for Columns<'_, T, S> {
     }
 }
 
-/// For every share the sums of each layer: the core's weights, then its biases; the caller's own come last.
+/// For every shard, the sums of each layer: its core's weight gradients, then its bias gradients. The caller's own sums
+/// follow.
 #[derive(Debug, Clone)]
 pub struct ShardSums<T> {
     width: usize,
@@ -43,13 +45,13 @@ pub struct ShardSums<T> {
 }
 
 impl<T: Real> ShardSums<T> {
-    /// Room for the layers' sums, and for `more` of the caller's.
+    /// Buffers for the sums of the layers `convs`, and for `more` sums of the caller's own.
     pub(super) fn new(convs: &[Conv], more: usize) -> Self {
         let width = convs.iter().map(|conv| conv.forward.weights() + conv.forward.c_out).sum::<usize>() + more;
-        Self { width, sums: Block::new(width, SHARES) }
+        Self { width, sums: Block::new(width, SHARDS) }
     }
 
-    /// Begins the sums anew: calls `add` for each share, with its images, its sums, and what the thread has of its own.
+    /// Sets all sums to 0, then calls `add` for each shard with its images, its sums and the thread's buffers.
     pub(super) fn sum<S: Send>(
         &mut self,
         threads: usize,
@@ -58,23 +60,23 @@ impl<T: Real> ShardSums<T> {
         add: &(impl Fn(Range<usize>, &mut [T], &mut S) + Sync),
     ) {
         self.sums.data.fill(T::ZERO);
-        let columns = Columns { sums: self.sums.view(SHARES), per_thread: PerThread(per_thread) };
-        over_samples(threads, 0, SHARES, columns, &|first, count, mut c| {
-            for share in 0..count {
-                let [low, high] = [first + share, first + share + 1].map(|share| images * share / SHARES);
-                add(low..high, c.sums.sample(share), &mut c.per_thread.0[0]);
+        let columns = Columns { sums: self.sums.view(SHARDS), per_thread: PerThread(per_thread) };
+        over_samples(threads, 0, SHARDS, columns, &|first, count, mut c| {
+            for shard in 0..count {
+                let [low, high] = [first + shard, first + shard + 1].map(|shard| images * shard / SHARDS);
+                add(low..high, c.sums.sample(shard), &mut c.per_thread.0[0]);
             }
         });
     }
 
-    /// Adds the shares up, sets the layers' gradients, and gives the caller's own sums.
+    /// Sums over the shards, sets the gradients of the layers, and returns the caller's own sums.
     pub(super) fn unfold(&mut self, convs: &[Conv], gradient: &mut [T]) -> &[T] {
         let (total, others) = self.sums.data.split_at_mut(self.width);
         vectorize(
             #[inline(always)]
             || {
-                for share in others.chunks_exact(self.width) {
-                    for (total, &sum) in total.iter_mut().zip(share) {
+                for shard in others.chunks_exact(self.width) {
+                    for (total, &sum) in total.iter_mut().zip(shard) {
                         *total += sum;
                     }
                 }
@@ -82,7 +84,8 @@ impl<T: Real> ShardSums<T> {
         );
         let mut sums = &*total;
         for conv in convs {
-            let ([dw, db], after) = cut(conv, sums);
+            let (dw, after) = sums.split_at(conv.forward.weights());
+            let (db, after) = after.split_at(conv.forward.c_out);
             conv.unfold(dw, db, gradient);
             sums = after;
         }
@@ -90,14 +93,7 @@ impl<T: Real> ShardSums<T> {
     }
 }
 
-/// A layer's sums, and those that follow.
-fn cut<'a, T>(conv: &Conv, sums: &'a [T]) -> ([&'a [T]; 2], &'a [T]) {
-    let (dw, after) = sums.split_at(conv.forward.weights());
-    let (db, after) = after.split_at(conv.forward.c_out);
-    ([dw, db], after)
-}
-
-/// The sums of one layer after the other: weights and biases; and the caller's own.
+/// The sums of a shard by layer, weights and biases, and the caller's own.
 pub(super) fn by_layer<'a, T, const L: usize>(
     convs: &[Conv; L],
     mut sums: &'a mut [T],

@@ -1,12 +1,14 @@
-//! The first convolution of binary images, by their lit pixels alone: a few per cent of them.
+//! The first convolution of binary images, computed from their lit pixels alone.
 //!
-//! SparseConv pixels come in runs, and an output reads a run through neighbouring taps of a row of the filter. So what it adds is
-//! one of 15 sums of such taps, made once a step.
+//! Lit pixels come in runs, and an output reads a run through neighbouring taps in one row of the filter. The sums of the
+//! weights over all 15 runs of neighbouring taps are computed once per training step. An output then adds one such sum per
+//! run of lit pixels and filter row.
 
-use super::{Conv, SIDE, active_rows::ActiveRows};
+use super::ActiveRows;
 use crate::{
     nn::{
         binary_images::BinaryImages,
+        conv::{Conv, SIDE},
         mlp::{Layout, Linear},
     },
     num::{Real, simd::vectorize},
@@ -15,21 +17,22 @@ use crate::{
 /// Reach of a filter to either side.
 const REACH: usize = SIDE / 2;
 
-/// Runs of neighbouring taps in a row of a filter.
+/// Number of runs of neighbouring taps in a row of a filter.
 const TAP_RUNS: usize = SIDE * (SIDE + 1) / 2;
 
-/// A 5x5 convolution of stride 1 with ReLU on observations, which lie frame by frame, row by row.
+/// A 5x5 convolution of stride 1 with ReLU on observations, which are stored frame by frame, row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct SparseConv {
-    /// Its parameters: W \[tap\]\[frame\]\[output\].
+pub(super) struct FirstLayer {
+    /// The parameters: W \[tap\]\[frame\]\[output\], then b.
     pub(super) weights: Linear,
     frames: usize,
+    /// Rows and columns of a frame.
     size: [usize; 2],
 }
 
-/// SparseConv pixels side by side: frame, row, and the columns from..to.
+/// Neighbouring lit pixels of a row: the columns from..to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Run {
+pub(super) struct LitRun {
     frame: usize,
     row: usize,
     from: usize,
@@ -49,8 +52,8 @@ fn add<T: Real>(sum: &mut [T], x: &[T]) {
     }
 }
 
-impl SparseConv {
-    /// A layer on observations of so many frames of `size` rows and columns.
+impl FirstLayer {
+    /// A layer on observations of `frames` frames of `size` rows and columns.
     pub(super) fn new(layout: &mut Layout, name: &str, frames: usize, size: [usize; 2], c_out: usize) -> Self {
         let n_in = SIDE * SIDE * frames;
         Self { weights: layout.conv(name, n_in, c_out, n_in), frames, size }
@@ -61,17 +64,17 @@ impl SparseConv {
         self.frames * self.size[0] * self.size[1]
     }
 
-    /// Numbers in sums of weights over runs of taps: \[row of taps\]\[frame\]\[run of taps\]\[output\].
-    pub(super) fn run_weights(&self) -> usize {
+    /// Numbers in the sums of weights over runs of taps: \[filter row\]\[frame\]\[run of taps\]\[output\].
+    pub(super) fn tap_sums(&self) -> usize {
         SIDE * self.frames * TAP_RUNS * self.weights.n_out
     }
 
-    /// Where such a sum lies.
-    fn at(&self, tap_row: usize, frame: usize, tap_run: usize) -> usize {
-        ((tap_row * self.frames + frame) * TAP_RUNS + tap_run) * self.weights.n_out
+    /// The index of the sum over a run of taps.
+    fn at(&self, filter_row: usize, frame: usize, tap_run: usize) -> usize {
+        ((filter_row * self.frames + frame) * TAP_RUNS + tap_run) * self.weights.n_out
     }
 
-    /// Calls `with` with each tap, where it lies in the weights, and each sum that it is part of.
+    /// Calls `with` for each tap and each sum that contains it: their indices in the weights and in the sums.
     fn each_tap(&self, mut with: impl FnMut(usize, usize)) {
         for (y, frame) in (0..SIDE).flat_map(|y| (0..self.frames).map(move |frame| (y, frame))) {
             for (first, last) in (0..SIDE).flat_map(|last| (0..=last).map(move |first| (first, last))) {
@@ -83,24 +86,24 @@ impl SparseConv {
         }
     }
 
-    /// The weights summed over runs of taps; once a step.
-    pub(super) fn pack<T: Real>(&self, arena: &[T], sums: &mut [T]) {
+    /// Computes the sums of weights over runs of taps; once per training step.
+    pub(super) fn pack<T: Real>(&self, arena: &[T], tap_sums: &mut [T]) {
         let (w, c) = (self.weights.w(arena), self.weights.n_out);
-        sums.fill(T::ZERO);
-        self.each_tap(|tap, at| add(&mut sums[at..at + c], &w[tap..tap + c]));
+        tap_sums.fill(T::ZERO);
+        self.each_tap(|tap, at| add(&mut tap_sums[at..at + c], &w[tap..tap + c]));
     }
 
-    /// Sets the gradient of the parameters from that of the sums over runs of taps, then of the biases.
-    pub(super) fn unfold<T: Real>(&self, d_sums: &[T], gradient: &mut [T]) {
+    /// Sets the gradient of the parameters from the gradients of the tap sums, which the gradients of the biases follow.
+    pub(super) fn unfold<T: Real>(&self, d_tap_sums: &[T], gradient: &mut [T]) {
         let c = self.weights.n_out;
         let (dw, db) = self.weights.w_b_mut(gradient);
         dw.fill(T::ZERO);
-        self.each_tap(|tap, at| add(&mut dw[tap..tap + c], &d_sums[at..at + c]));
-        db.copy_from_slice(&d_sums[self.run_weights()..]);
+        self.each_tap(|tap, at| add(&mut dw[tap..tap + c], &d_tap_sums[at..at + c]));
+        db.copy_from_slice(&d_tap_sums[self.tap_sums()..]);
     }
 
-    /// The lit pixels of an image.
-    pub(super) fn runs(&self, images: &BinaryImages, image: u32, runs: &mut Vec<Run>) {
+    /// Finds the lit runs of an image.
+    pub(super) fn lit_runs(&self, images: &BinaryImages, image: u32, runs: &mut Vec<LitRun>) {
         let [rows, columns] = self.size;
         runs.clear();
         for (pixel, _) in images.lit(image) {
@@ -108,20 +111,21 @@ impl SparseConv {
             let (frame, row) = (line / rows, line % rows);
             match runs.last_mut() {
                 Some(run) if (run.frame, run.row, run.to) == (frame, row, column) => run.to += 1,
-                _ => runs.push(Run { frame, row, from: column, to: column + 1 }),
+                _ => runs.push(LitRun { frame, row, from: column, to: column + 1 }),
             }
         }
     }
 
-    /// Where the outputs differ from those of the blank image.
-    pub(super) fn active_rows(&self, runs: &[Run], active_rows: &mut ActiveRows) {
+    /// Finds the active pixels of the layer's output.
+    pub(super) fn active_rows(&self, runs: &[LitRun], active_rows: &mut ActiveRows) {
         let places = runs.iter().map(|run| (run.row, [run.from, run.to]));
         active_rows.around(places, self.size[1], REACH);
     }
 
-    /// Every output pixel that a run has a part in, and the sum of taps that reads the run.
+    /// Calls `with` for every output pixel that reads a run: the index of the tap sum that reads it, and the output's row
+    /// and column.
     #[inline(always)]
-    fn touched(&self, run: Run, mut with: impl FnMut(usize, [usize; 2])) {
+    fn touched(&self, run: LitRun, mut with: impl FnMut(usize, [usize; 2])) {
         let [rows, columns] = self.size;
         for y in 0..SIDE {
             // Output o reads pixel o + tap - 2.
@@ -134,7 +138,7 @@ impl SparseConv {
         }
     }
 
-    /// The outputs for the blank image, into the padded input of the next layer.
+    /// Writes the outputs for the blank image into the padded input of the next layer.
     pub(super) fn blank<T: Real>(&self, arena: &[T], next: &Conv, y: &mut [T]) {
         let (b, c) = (self.weights.b(arena), self.weights.n_out);
         for r in 0..self.size[0] {
@@ -144,11 +148,11 @@ impl SparseConv {
         }
     }
 
-    /// The outputs of an image's active_rows, into the padded input of the next layer. `sums` are the weights over runs of taps.
+    /// Writes the outputs at an image's active pixels into the padded input of the next layer.
     pub(super) fn forward<T: Real>(
         &self,
-        (arena, sums): (&[T], &[T]),
-        (runs, active_rows): (&[Run], &ActiveRows),
+        (arena, tap_sums): (&[T], &[T]),
+        (runs, active_rows): (&[LitRun], &ActiveRows),
         next: &Conv,
         y: &mut [T],
     ) {
@@ -165,7 +169,7 @@ impl SparseConv {
                     self.touched(
                         run,
                         #[inline(always)]
-                        |at, [r, column]| add(&mut y[next.input_at(r, column)..][..c], &sums[at..at + c]),
+                        |at, [r, column]| add(&mut y[next.input_at(r, column)..][..c], &tap_sums[at..at + c]),
                     );
                 }
                 for (r, active) in active_rows.iter() {
@@ -177,20 +181,21 @@ impl SparseConv {
         );
     }
 
-    /// Adds the gradients of sums over runs of taps, then of biases, for an image's active_rows. `y` is what [`SparseConv::forward`]
-    /// put out; `d_y`, the gradient with respect to it without borders, is masked here and summed into `before` first.
-    #[allow(clippy::too_many_arguments, reason = "a way back names what went forth and where its gradients go")]
+    /// Adds an image's gradients, from its active pixels, to those of the tap sums and of the biases in `gradient`. `y` is
+    /// the output of [`FirstLayer::forward`]. `d_y` is the gradient with respect to it, without border: its sum by channel
+    /// is added to `before_relu`, then the ReLU is applied to it here.
+    #[allow(clippy::too_many_arguments, reason = "a backward pass names its inputs and where its gradients go")]
     pub(super) fn gradient<T: Real>(
         &self,
-        (runs, active_rows): (&[Run], &ActiveRows),
+        (runs, active_rows): (&[LitRun], &ActiveRows),
         next: &Conv,
         y: &[T],
         d_y: &mut [T],
         gradient: &mut [T],
-        before: &mut [T],
+        before_relu: &mut [T],
     ) {
         let c = self.weights.n_out;
-        let (d_sums, db) = gradient.split_at_mut(self.run_weights());
+        let (d_tap_sums, db) = gradient.split_at_mut(self.tap_sums());
         let row = self.size[1] * c;
         vectorize(
             #[inline(always)]
@@ -199,7 +204,7 @@ impl SparseConv {
                     let y = &y[next.input_at(r, active.start)..][..active.len() * c];
                     let d_y = &mut d_y[r * row + active.start * c..][..active.len() * c];
                     for (d_y, y) in d_y.chunks_exact_mut(c).zip(y.chunks_exact(c)) {
-                        add(before, d_y);
+                        add(before_relu, d_y);
                         for (d_y, &y) in d_y.iter_mut().zip(y) {
                             *d_y = if y > T::ZERO { *d_y } else { T::ZERO };
                         }
@@ -210,27 +215,27 @@ impl SparseConv {
                     self.touched(
                         run,
                         #[inline(always)]
-                        |at, [r, column]| add(&mut d_sums[at..at + c], &d_y[r * row + column * c..][..c]),
+                        |at, [r, column]| add(&mut d_tap_sums[at..at + c], &d_y[r * row + column * c..][..c]),
                     );
                 }
             },
         );
     }
 
-    /// Adds the gradient of the biases for the blank image. `d_y` is the sum of the gradients with respect to the
-    /// outputs of all images, without borders; `in_spans` what of it lay in their active_rows, and is used up.
-    pub(super) fn blank_gradient<T: Real>(&self, arena: &[T], d_y: &[T], in_spans: &mut [T], gradient: &mut [T]) {
+    /// Adds the gradient of the biases from all inactive pixels. `d_y` is the sum over all images of the gradients with
+    /// respect to the outputs, without border. `active` is the part of it at active pixels, by channel; it is used up.
+    pub(super) fn blank_gradient<T: Real>(&self, arena: &[T], d_y: &[T], active: &mut [T], gradient: &mut [T]) {
         let c = self.weights.n_out;
         vectorize(
             #[inline(always)]
             || {
                 for d_y in d_y[..self.size[0] * self.size[1] * c].chunks_exact(c) {
-                    in_spans.iter_mut().zip(d_y).for_each(|(sum, &d_y)| *sum -= d_y);
+                    active.iter_mut().zip(d_y).for_each(|(sum, &d_y)| *sum -= d_y);
                 }
             },
         );
-        let db = &mut gradient[self.run_weights()..];
-        for ((db, &b), &rest) in db.iter_mut().zip(self.weights.b(arena)).zip(&*in_spans) {
+        let db = &mut gradient[self.tap_sums()..];
+        for ((db, &b), &rest) in db.iter_mut().zip(self.weights.b(arena)).zip(&*active) {
             *db -= if b > T::ZERO { rest } else { T::ZERO };
         }
     }

@@ -1,6 +1,6 @@
-//! Small dense matrices in double precision: sums in a fixed order, the same bits on every machine.
+//! A dense matrix and its Cholesky factor.
 
-/// A matrix, row by row.
+/// A dense matrix, stored row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matrix {
     columns: usize,
@@ -8,13 +8,13 @@ pub struct Matrix {
 }
 
 impl Matrix {
-    /// From its entries, row by row.
+    /// A matrix with these entries, row by row.
     pub fn new(columns: usize, entries: Vec<f64>) -> Self {
         assert!(columns > 0 && entries.len().is_multiple_of(columns), "whole rows");
         Self { columns, entries }
     }
 
-    /// A vector.
+    /// A matrix of one column.
     pub fn column(entries: Vec<f64>) -> Self {
         Self::new(1, entries)
     }
@@ -65,7 +65,8 @@ impl Matrix {
         Self::new(self.columns, self.entries.iter().map(|entry| -entry).collect())
     }
 
-    /// The lower triangular L with L Lᵀ = self, which is symmetric; none unless it is positive definite.
+    /// The Cholesky factor: the lower triangular L with L Lᵀ = self. `None` unless self, which must be symmetric, is
+    /// positive definite.
     pub fn cholesky(&self) -> Option<Self> {
         let n = self.columns;
         let mut root = Self::diagonal(n, 0.0);
@@ -84,7 +85,7 @@ impl Matrix {
         Some(root)
     }
 
-    /// (L Lᵀ)⁻¹ · other, where self is L.
+    /// (L Lᵀ)⁻¹ · other, where self is a Cholesky factor L.
     pub fn solve_from_root(&self, other: &Self) -> Self {
         let (n, columns) = (self.columns, other.columns);
         let mut x = other.clone();
@@ -107,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_system_is_solved_through_its_root() {
+    fn a_system_is_solved_by_its_cholesky_factor() {
         let matrix = Matrix::new(3, vec![4.0, 2.0, -1.0, 2.0, 5.0, 0.5, -1.0, 0.5, 3.0]);
         let x = Matrix::new(2, vec![1.0, -2.0, 0.5, 3.0, 7.0, 0.0]);
         let solved = matrix.cholesky().expect("positive definite").solve_from_root(&matrix.times(&x));
@@ -115,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn a_matrix_that_is_not_positive_definite_has_no_root() {
+    fn a_matrix_that_is_not_positive_definite_has_no_cholesky_factor() {
         assert_eq!(Matrix::new(2, vec![1.0, 2.0, 2.0, 1.0]).cholesky(), None);
         assert_eq!(Matrix::new(1, vec![f64::NAN]).cholesky(), None);
         assert_eq!(Matrix::new(1, vec![f64::INFINITY]).cholesky(), None);

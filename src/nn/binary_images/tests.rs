@@ -1,0 +1,105 @@
+//! First layers on binary images against dense layers.
+
+use rand::SeedableRng as _;
+
+use super::*;
+use crate::nn::{mat::Accumulate, mlp::Layout};
+
+#[test]
+fn differences_give_the_dense_product_and_its_gradient() {
+    let mut rng = Rng::seed_from_u64(3);
+    let (pixels, n_out, count) = (37, 5, 11);
+    let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 4) == 0)).collect();
+    let mut images = BinaryImages::new(&frames[..pixels]);
+    images.extend(&frames);
+    let mut layout = Layout::default();
+    let layer = layout.linear("first", pixels, n_out);
+    let arena: Vec<f64> = layout.initialize(&mut rng);
+    let which: Vec<u32> = (0..count as u32).rev().collect();
+    let x: Vec<f64> = which.iter().flat_map(|&i| &frames[i as usize * pixels..][..pixels]).map(|&p| p.into()).collect();
+    let rows = OutputRows { stride: n_out + 3, offset: 2 };
+
+    let (mut base, mut dense) = (vec![0.0; n_out], vec![0.0; n_out * count]);
+    let mut sparse = vec![0.0; rows.stride * count];
+    images.base(&layer, &arena, &mut base);
+    images.affine(&layer, &arena, &base, &which, &mut sparse, rows, true);
+    layer.forward(&arena, &x, &mut dense, true);
+    for (dense, sparse) in dense.chunks(n_out).zip(sparse.chunks(rows.stride)) {
+        assert!(dense.iter().zip(&sparse[2..]).all(|(a, b)| (a - b).abs() < 1e-14));
+    }
+
+    let dy: Vec<f64> = sparse.iter().enumerate().map(|(i, _)| (i as f64).sin()).collect();
+    let dense_dy: Vec<f64> = dy.chunks(rows.stride).flat_map(|dy| &dy[2..2 + n_out]).copied().collect();
+    let [mut want, mut one, mut two] = [(); 3].map(|()| vec![0.0; layout.len]);
+    layer.gradient(1, &mut want, Accumulate::Replace, &x, &dense_dy);
+    images.gradient(1, &layer, &mut one, &which, &dy, rows);
+    images.gradient(2, &layer, &mut two, &which, &dy, rows);
+    assert!(want.iter().zip(&one).all(|(a, b)| (a - b).abs() < 1e-13));
+    assert_eq!(one, two);
+    assert_eq!(images.lit(3).count(), frames[3 * pixels..4 * pixels].iter().filter(|&&p| p != 0).count());
+}
+
+#[test]
+fn squares_are_read_as_the_share_of_their_pixels_that_is_lit() {
+    let mut rng = Rng::seed_from_u64(4);
+    let (patches, pixels, n_out, count) = (PooledPatches { columns: 12, side: 3 }, 6 * 12, 5, 7);
+    let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
+    let mut images = BinaryImages::pooled(pixels, patches);
+    images.extend(&frames);
+    let share = |image: usize, patch: usize| {
+        let (top, left) = (patch / 4 * 3, patch % 4 * 3);
+        let rows = (0..3).map(|row| image * pixels + (top + row) * 12 + left);
+        rows.map(|at| frames[at..at + 3].iter().map(|&p| f64::from(p)).sum::<f64>()).sum::<f64>() / 9.0
+    };
+    let x: Vec<f64> = (0..count * 8).map(|i| share(i / 8, i % 8)).collect();
+    for (image, x) in x.chunks(8).enumerate() {
+        for (patch, lit) in images.lit(image as u32) {
+            assert_eq!(lit as f64, (9.0 * x[patch]).round());
+        }
+    }
+
+    let mut layout = Layout::default();
+    let layer = layout.linear("first", 8, n_out);
+    let arena: Vec<f64> = layout.initialize(&mut rng);
+    let which: Vec<u32> = (0..count as u32).collect();
+    let rows = OutputRows { stride: n_out, offset: 0 };
+    let (mut base, mut dense, mut sparse) = (vec![0.0; n_out], vec![0.0; n_out * count], vec![0.0; n_out * count]);
+    images.base(&layer, &arena, &mut base);
+    images.affine(&layer, &arena, &base, &which, &mut sparse, rows, false);
+    layer.forward(&arena, &x, &mut dense, false);
+    assert!(dense.iter().zip(&sparse).all(|(a, b)| (a - b).abs() < 1e-14));
+
+    let dy: Vec<f64> = (0..n_out * count).map(|i| (i as f64).sin()).collect();
+    let [mut want, mut got] = [(); 2].map(|()| vec![0.0; layout.len]);
+    layer.gradient(1, &mut want, Accumulate::Replace, &x, &dy);
+    images.gradient(2, &layer, &mut got, &which, &dy, rows);
+    assert!(want.iter().zip(&got).all(|(a, b)| (a - b).abs() < 1e-13));
+}
+
+#[test]
+fn thinned_squares_are_read_right_on_average_and_decoded_whole() {
+    let mut rng = Rng::seed_from_u64(6);
+    let (patches, pixels, count) = (PooledPatches { columns: 4, side: 2 }, 16, 3);
+    let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 2) == 0)).collect();
+    let mut images = BinaryImages::pooled(pixels, patches);
+    images.extend(&frames);
+    let mut layout = Layout::default();
+    let layer = layout.linear("first", 4, 2);
+    let arena: Vec<f64> = layout.initialize(&mut rng);
+    let read = |images: &BinaryImages, which: &[u32]| {
+        let (mut base, mut y) = (vec![0.0; 2], vec![0.0; 2 * which.len()]);
+        images.base(&layer, &arena, &mut base);
+        images.affine(&layer, &arena, &base, which, &mut y, OutputRows { stride: 2, offset: 0 }, false);
+        y
+    };
+    let whole = read(&images, &[2, 0]);
+    let (mut mean, draws) = (vec![0.0; 4], 4000);
+    for _ in 0..draws {
+        let thinned = images.with_dropout(&[2, 0], 0.25, &mut rng);
+        assert!(thinned.lit(0).eq(images.lit(2)) && thinned.lit(1).eq(images.lit(0)));
+        let y = read(&thinned, &[0, 1]);
+        mean.iter_mut().zip(y).for_each(|(mean, y)| *mean += y / f64::from(draws));
+    }
+    assert!(mean.iter().zip(&whole).all(|(a, b)| (a - b).abs() < 0.03), "{mean:?} {whole:?}");
+    assert_ne!(read(&images.with_dropout(&[2, 0], 0.25, &mut rng), &[0, 1]), whole);
+}
