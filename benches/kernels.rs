@@ -1,5 +1,5 @@
-//! Times the loops that training spends its time in. Items are floating-point operations, a multiply-add counting as
-//! two; the first line gives the peak of one thread, measured in this process.
+//! Times the inner loops of training. Items are floating-point operations; a multiply-add counts as two. The first line
+//! gives the peak of one thread, measured in this process.
 //!
 //!   cargo bench --bench kernels
 //!   cargo bench --bench kernels -- convolution
@@ -63,7 +63,7 @@ fn dense_gradient(bencher: Bencher<'_, '_>, shape: (usize, usize, usize)) {
         .bench_local(|| mat::outer(&mut dw, Accumulate::Replace, &dy, &x, n_out, n_in, 0));
 }
 
-/// The paper's convolutions: name, side of the input, channels, resizing.
+/// A convolution of the paper by name: side of the input, channels, resizing.
 fn layer(name: &str) -> (usize, [usize; 2], Resize) {
     match name {
         "encoder 2" => (80, [32, 32], Resize::Down(2)),
@@ -78,7 +78,7 @@ fn layer(name: &str) -> (usize, [usize; 2], Resize) {
 }
 
 const LAYERS: [&str; 7] = ["encoder 2", "encoder 3", "encoder 4", "decoder 1", "decoder 2", "decoder 3", "decoder 4"];
-const PICTURES: usize = 8;
+const IMAGES: usize = 8;
 
 #[derive(Clone, Copy)]
 enum Pass {
@@ -87,29 +87,29 @@ enum Pass {
     Gradient,
 }
 
-/// Counts the work of the convolution as it is defined: 25 taps on the full, upsampled picture.
+/// Counts the work of the convolution by its definition: 25 taps on the upsampled image.
 fn convolution(bencher: Bencher<'_, '_>, name: &str, which: Pass) {
     let (side, channels, resize) = layer(name);
     let mut layout = Layout::default();
     let stack = Stack { convs: [Conv::new(&mut layout, "conv", [side; 2], channels, resize, true)] };
     let conv = &stack.convs[0];
     let arena: Vec<f32> = layout.initialize(&mut Rng::seed_from_u64(1));
-    let mut kernels = stack.packed_weights();
-    stack.pack(&arena, &mut kernels);
-    let mut buffers = StackPass::new(&stack, PICTURES, 1);
-    let mut pass = buffers.view(PICTURES);
-    let x = numbers(PICTURES * side * side * channels[0]);
+    let mut packed = stack.packed_weights();
+    stack.pack(&arena, &mut packed);
+    let mut buffers = StackPass::new(&stack, IMAGES, 1);
+    let mut pass = buffers.view(IMAGES);
+    let x = numbers(IMAGES * side * side * channels[0]);
     let fill = |i: usize, input: &mut [f32]| conv.fill(&x, i, input);
-    stack.forward(&kernels, &mut pass, fill);
+    stack.forward(&packed, &mut pass, fill);
     let delta = numbers(pass.layers.delta[0].len());
     pass.layers.delta[0].copy_from_slice(&delta);
-    let (mut shares, mut gradient) = (stack.shard_sums(), vec![0.0; layout.len]);
-    let work = 2 * 25 * PICTURES * conv.pixels() * channels[0];
+    let (mut shards, mut gradient) = (stack.shard_sums(), vec![0.0; layout.len]);
+    let work = 2 * 25 * IMAGES * conv.pixels() * channels[0];
     bencher.counter(ItemsCount::new(work)).bench_local(|| match which {
-        Pass::Forward => stack.forward(&kernels, &mut pass, fill),
-        Pass::Backward => stack.backward(&kernels, &mut pass, Some(|_: usize, d: &[f32]| _ = divan::black_box(d))),
+        Pass::Forward => stack.forward(&packed, &mut pass, fill),
+        Pass::Backward => stack.backward(&packed, &mut pass, Some(|_: usize, d: &[f32]| _ = divan::black_box(d))),
         Pass::Gradient => {
-            stack.gradient(1, &mut pass, &mut shares, &mut gradient, &fill);
+            stack.gradient(1, &mut pass, &mut shards, &mut gradient, &fill);
         }
     });
 }
@@ -129,51 +129,49 @@ fn convolution_gradient(bencher: Bencher<'_, '_>, name: &str) {
     convolution(bencher, name, Pass::Gradient);
 }
 
-/// Pictures of a bar on nothing: pixels, and outputs of their first layer.
+/// First layers on images of a bar: pixels, and outputs of the layer.
 const FIRST: [(usize, usize); 3] = [(1600, 300), (4608, 500), (12800, 300)];
 
 fn bars(pixels: usize) -> BinaryImages {
-    let mut pictures = BinaryImages::new(&vec![0; pixels]);
+    let mut images = BinaryImages::new(&vec![0; pixels]);
     for i in 0..256 {
         let bar = |pixel: usize| u8::from((pixel + 13 * i) % pixels < pixels / 25);
-        pictures.extend(&(0..pixels).map(bar).collect::<Vec<u8>>());
+        images.extend(&(0..pixels).map(bar).collect::<Vec<u8>>());
     }
-    pictures
+    images
 }
 
 #[divan::bench(args = FIRST)]
-fn pictures_forward(bencher: Bencher<'_, '_>, (pixels, n_out): (usize, usize)) {
-    let pictures = bars(pixels);
+fn images_forward(bencher: Bencher<'_, '_>, (pixels, n_out): (usize, usize)) {
+    let images = bars(pixels);
     let mut layout = Layout::default();
     let layer = layout.linear("first", pixels, n_out);
     let arena: Vec<f32> = layout.initialize(&mut Rng::seed_from_u64(1));
     let (mut base, mut y) = (vec![0.0; n_out], vec![0.0; 256 * n_out]);
-    pictures.base(&layer, &arena, &mut base);
-    let (which, place): (Vec<u32>, _) = ((0..256).collect(), OutputRows { stride: n_out, offset: 0 });
+    images.base(&layer, &arena, &mut base);
+    let (which, rows): (Vec<u32>, _) = ((0..256).collect(), OutputRows { stride: n_out, offset: 0 });
     bencher
         .counter(operations((pixels, n_out, 256)))
-        .bench_local(|| pictures.affine(&layer, &arena, &base, &which, &mut y, place, true));
+        .bench_local(|| images.affine(&layer, &arena, &base, &which, &mut y, rows, true));
 }
 
 #[divan::bench(args = FIRST)]
-fn pictures_gradient(bencher: Bencher<'_, '_>, (pixels, n_out): (usize, usize)) {
-    let pictures = bars(pixels);
+fn images_gradient(bencher: Bencher<'_, '_>, (pixels, n_out): (usize, usize)) {
+    let images = bars(pixels);
     let mut layout = Layout::default();
     let layer = layout.linear("first", pixels, n_out);
     let (mut gradient, dy) = (vec![0.0; layout.len], numbers(256 * n_out));
-    let (which, place): (Vec<u32>, _) = ((0..256).collect(), OutputRows { stride: n_out, offset: 0 });
+    let (which, rows): (Vec<u32>, _) = ((0..256).collect(), OutputRows { stride: n_out, offset: 0 });
     bencher
         .counter(operations((pixels, n_out, 256)))
-        .bench_local(|| pictures.gradient(1, &layer, &mut gradient, &which, &dy, place));
+        .bench_local(|| images.gradient(1, &layer, &mut gradient, &which, &dy, rows));
 }
 
 #[divan::bench]
 fn bernoulli(bencher: Bencher<'_, '_>) {
-    let (pictures, logits) = (bars(4608), numbers(4608));
+    let (images, logits) = (bars(4608), numbers(4608));
     let mut delta = vec![0.0; 4608];
-    bencher
-        .counter(ItemsCount::new(4608_usize))
-        .bench_local(|| heads::bernoulli(&logits, &pictures, 3, 0.1, &mut delta));
+    bencher.counter(ItemsCount::new(4608_usize)).bench_local(|| heads::bernoulli(&logits, &images, 3, 0.1, &mut delta));
 }
 
 #[divan::bench]

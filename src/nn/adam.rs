@@ -1,17 +1,18 @@
-//! Adam with L2 regularisation over one flat arena of parameters.
+//! The Adam optimiser with L2 regularisation, over one flat arena of parameters.
 
 use crate::num::{Real, join, simd::vectorize};
 
-/// Step size and decay of an optimiser.
+/// Learning rate and weight decay of an optimiser.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct AdamSettings {
-    /// Step size.
+    /// The learning rate.
     pub learning_rate: f64,
-    /// L2 coefficient: `weight_decay` times the parameter is added to its gradient, biases too.
+    /// The L2 coefficient. `weight_decay` times each parameter, biases included, is added to its gradient.
     pub weight_decay: f64,
 }
 
-/// First and second moments of the gradient; beta 0.9 and 0.999, epsilon 1e-8 (paper, "Training Hyper-Parameters").
+/// The state of an optimiser: first and second moments of the gradient, with beta 0.9 and 0.999 and epsilon 1e-8 (paper,
+/// "Training Hyper-Parameters").
 #[derive(Debug, Clone, PartialEq)]
 pub struct Adam<T> {
     /// First moments.
@@ -25,17 +26,17 @@ pub struct Adam<T> {
 const BETA_1: f64 = 0.9;
 const BETA_2: f64 = 0.999;
 const EPSILON: f64 = 1e-8;
-/// Smaller numbers become zero. Decay takes unused weights towards zero without end, and products of subnormal numbers
-/// take a hundred times as long; a millionth of epsilon changes nothing else.
+/// Smaller magnitudes are set to 0. Weight decay shrinks unused weights forever, and arithmetic on subnormal numbers takes
+/// a hundred times as long. This is a millionth of epsilon, so it changes nothing else.
 const LEAST: f64 = 1e-14;
 
 impl<T: Real> Adam<T> {
-    /// Zero moments for `count` parameters.
+    /// A new optimiser for `count` parameters.
     pub fn new(count: usize) -> Self {
         Self { m: vec![T::ZERO; count], v: vec![T::ZERO; count], steps: 0 }
     }
 
-    /// One step along `gradient`.
+    /// Updates the parameters by one step down the `gradient`.
     pub fn step(&mut self, threads: usize, settings: AdamSettings, parameters: &mut [T], gradient: &[T]) {
         self.steps += 1;
         let bias_1 = 1.0 - BETA_1.powi(self.steps.min(100_000) as i32);
@@ -49,6 +50,7 @@ impl<T: Real> Adam<T> {
     }
 }
 
+/// The factors of one step, with Adam's bias corrections.
 #[derive(Clone, Copy)]
 struct Rates<T> {
     step: T,
@@ -56,6 +58,7 @@ struct Rates<T> {
     decay: T,
 }
 
+/// Updates all parameters, in as many parts as there are threads.
 fn split<T: Real>(threads: usize, rates: Rates<T>, p: &mut [T], g: &[T], m: &mut [T], v: &mut [T]) {
     if threads <= 1 || p.len() < 1 << 15 {
         return update(rates, p, g, m, v);
@@ -69,6 +72,7 @@ fn split<T: Real>(threads: usize, rates: Rates<T>, p: &mut [T], g: &[T], m: &mut
     );
 }
 
+/// Updates some parameters on this thread.
 fn update<T: Real>(rates: Rates<T>, p: &mut [T], g: &[T], m: &mut [T], v: &mut [T]) {
     let (b1, b2) = (T::of(BETA_1), T::of(BETA_2));
     let (c1, c2, epsilon) = (T::of(1.0 - BETA_1), T::of(1.0 - BETA_2), T::of(EPSILON));

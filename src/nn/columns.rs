@@ -48,6 +48,20 @@ impl<T> Cut for BlockMut<'_, T> {
     }
 }
 
+/// What all samples share is not cut.
+impl<S: ?Sized> Cut for &S {
+    fn cut(self, _: usize) -> (Self, Self) {
+        (self, self)
+    }
+}
+
+/// One entry for every sample.
+impl<S> Cut for &mut [S] {
+    fn cut(self, samples: usize) -> (Self, Self) {
+        self.split_at_mut(samples)
+    }
+}
+
 impl<C: Cut, const L: usize> Cut for [C; L] {
     fn cut(self, samples: usize) -> (Self, Self) {
         let mut rights = [const { None }; L];
@@ -63,9 +77,9 @@ impl<C: Cut, const L: usize> Cut for [C; L] {
 
 /// Declares a struct of buffers that are cut together.
 macro_rules! cut_together {
-    ($(#[$meta:meta])* $vis:vis struct $name:ident<$life:lifetime, T> { $( $field:ident : $ty:ty ),* $(,)? }) => {
+    ($(#[$meta:meta])* $vis:vis struct $name:ident<$life:lifetime, T> { $( $field_vis:vis $field:ident : $ty:ty ),* $(,)? }) => {
         $(#[$meta])*
-        $vis struct $name<$life, T> { $( $field: $ty ),* }
+        $vis struct $name<$life, T> { $( $field_vis $field: $ty ),* }
 
         impl<T: $crate::num::Real> $crate::nn::columns::Cut for $name<'_, T> {
             fn cut(self, samples: usize) -> (Self, Self) {

@@ -1,4 +1,7 @@
-//! What a network's last layer means: a diagonal Gaussian (means, then log standard deviations) or Bernoulli pixels.
+//! The distributions that networks put out: diagonal Gaussians and Bernoulli pixels.
+//!
+//! A Gaussian is one column: its means, then its log standard deviations. Functions with a `weight` also add `weight` times
+//! the gradient of their value to the `d_…` arguments.
 
 use super::binary_images::BinaryImages;
 use crate::num::{Real, simd::vectorize};
@@ -6,12 +9,12 @@ use crate::num::{Real, simd::vectorize};
 /// ln(2 pi) / 2.
 const HALF_LN_TAU: f64 = 0.918_938_533_204_672_8;
 
-/// One column of a Gaussian head, cut into means and log standard deviations.
+/// The means and the log standard deviations of a Gaussian.
 pub fn halves<T>(column: &[T]) -> (&[T], &[T]) {
     column.split_at(column.len() / 2)
 }
 
-/// s\[N(mu, sigma²)\] = mu + sigma * epsilon, the reparameterised sample.
+/// Draws the reparameterised sample mu + sigma epsilon.
 #[inline(always)]
 pub fn sample<T: Real>(gaussian: &[T], epsilon: &[T], out: &mut [T]) {
     let (mu, log_sigma) = halves(gaussian);
@@ -20,7 +23,7 @@ pub fn sample<T: Real>(gaussian: &[T], epsilon: &[T], out: &mut [T]) {
     }
 }
 
-/// Sends the gradient of a reparameterised sample on to its Gaussian.
+/// Adds the gradient with respect to a reparameterised sample to that of its Gaussian.
 #[inline(always)]
 pub fn sample_backward<T: Real>(gaussian: &[T], epsilon: &[T], d_sample: &[T], d_gaussian: &mut [T]) {
     let n = epsilon.len();
@@ -30,7 +33,7 @@ pub fn sample_backward<T: Real>(gaussian: &[T], epsilon: &[T], d_sample: &[T], d
     }
 }
 
-/// KL(q || p) of two diagonal Gaussians; adds `weight` times its gradient to both.
+/// KL(q || p) of two Gaussians.
 #[inline(always)]
 pub fn kl<T: Real>(q: &[T], p: &[T], weight: T, d_q: &mut [T], d_p: &mut [T]) -> T {
     let n = q.len() / 2;
@@ -50,7 +53,7 @@ pub fn kl<T: Real>(q: &[T], p: &[T], weight: T, d_q: &mut [T], d_p: &mut [T]) ->
     sum
 }
 
-/// KL(q || N(0, I)); adds `weight` times its gradient.
+/// KL(q || N(0, I)).
 #[inline(always)]
 pub fn kl_to_unit<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
     let n = q.len() / 2;
@@ -65,7 +68,7 @@ pub fn kl_to_unit<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
     sum
 }
 
-/// The entropy of a diagonal Gaussian; adds `weight` times its gradient.
+/// The entropy of a Gaussian.
 #[inline(always)]
 pub fn entropy<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
     let n = q.len() / 2;
@@ -77,7 +80,7 @@ pub fn entropy<T: Real>(q: &[T], weight: T, d_q: &mut [T]) -> T {
     sum
 }
 
-/// ln N(z; mu, sigma²); adds `weight` times its gradient to the point and to the Gaussian.
+/// ln N(z; mu, sigma²), with gradients for the point and for the Gaussian.
 #[inline(always)]
 pub fn log_density<T: Real>(z: &[T], gaussian: &[T], weight: T, d_z: &mut [T], d_gaussian: &mut [T]) -> T {
     let n = z.len();
@@ -94,13 +97,13 @@ pub fn log_density<T: Real>(z: &[T], gaussian: &[T], weight: T, d_z: &mut [T], d
     sum
 }
 
-/// -ln of the probability of an image under Bernoulli pixels with these logits, one for each entry that networks read.
-/// Sets delta = weight * (area * sigmoid(logits) - lit), `weight` times its gradient.
+/// -ln of the probability of an image under independent Bernoulli pixels, with one logit for each entry of the image.
+/// Sets `delta` to `weight` times its gradient, area sigmoid(logits) - lit.
 pub fn bernoulli<T: Real>(logits: &[T], images: &BinaryImages, image: u32, weight: T, delta: &mut [T]) -> T {
     let area = T::of(images.area() as f64);
     let steepness = weight * area;
-    // Sixteen interleaved sums, added in order: the same bits however wide the vectors are. ln(1 + e^-|l|) is summed as
-    // the logarithm of a product of up to 64 factors, each at most 2.
+    // There are sixteen interleaved sums, added in order, so vectors of any width give the same bits. ln(1 + e^-|l|) is
+    // summed as the logarithm of a product of up to 64 factors, each at most 2.
     let (mut positive, mut logarithms) = ([T::ZERO; 16], [T::ZERO; 16]);
     let (logits_16, logits_rest) = logits.as_chunks::<16>();
     let (delta_16, delta_rest) = delta.as_chunks_mut::<16>();
@@ -137,10 +140,11 @@ pub fn bernoulli<T: Real>(logits: &[T], images: &BinaryImages, image: u32, weigh
     value
 }
 
-/// Sets delta = weight * sigmoid(l); gives 1 + e^-|l| and max(l, 0), whose logarithm and self make up softplus(l).
+/// Sets delta = weight sigmoid(l). Returns 1 + e^-|l| and max(l, 0): softplus(l) is the logarithm of the first plus the
+/// second.
 #[inline(always)]
 fn sigmoid<T: Real>(l: T, weight: T, delta: &mut T) -> (T, T) {
-    // Beyond this gradients of pixels that are never lit would become subnormal.
+    // Beyond this bound the gradients of pixels that are never lit would become subnormal.
     let steepest = T::of(50.0);
     let above = l.larger(T::ZERO);
     let e = (l - above - above).larger(-steepest).e_to();

@@ -1,14 +1,14 @@
-//! Dense products: the only place that calls faer.
+//! Products of dense matrices. This is the only module that calls faer.
 //!
-//! Matrices are column-major slices with one sample per column. Every entry of a product is one chain of fused
-//! multiply-adds over the inner dimension, so splitting columns or rows over threads changes no bit. faer's kernels for
-//! a single row or column are the exception, so those two shapes have loops of their own here.
+//! Matrices are column-major slices with one sample per column. Every number of a product is one chain of fused
+//! multiply-adds over the inner dimension, so splitting rows or columns over threads changes no bit. faer's kernels for a
+//! single row or column do not have this property, so these shapes have their own loops here.
 
 use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul};
 
 use crate::num::Real;
 
-/// Whether a product replaces or adds to what is there.
+/// Whether a product replaces the output or is added to it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Accumulate {
     /// out = product
@@ -90,7 +90,7 @@ pub fn product_transposed<T: Real>(
     }
 }
 
-/// The columns `first..` of dy xᵀ: dw \[m, k'\] = dy \[m, n\] (rows first..first+k' of x \[k, n\])ᵀ.
+/// The columns of dy xᵀ from `first` on: dw \[m, k'\] = dy \[m, n\] (rows first..first+k' of x \[k, n\])ᵀ.
 pub fn outer<T: Real>(dw: &mut [T], accumulate: Accumulate, dy: &[T], x: &[T], m: usize, k: usize, first: usize) {
     let columns = dw.len() / m;
     let n = dy.len() / m;
@@ -130,7 +130,7 @@ pub fn outer<T: Real>(dw: &mut [T], accumulate: Accumulate, dy: &[T], x: &[T], m
     }
 }
 
-/// A dot product in sixteen interleaved chains, added in order.
+/// A dot product, as sixteen interleaved chains that are added in order.
 fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     let mut lanes = [T::ZERO; 16];
     let (a16, a_rest) = a.as_chunks::<16>();

@@ -1,4 +1,6 @@
-//! Networks by hand on faer matrices: layers, heads, Adam.
+//! Hand-written networks: dense and convolutional layers with their gradients, output distributions, and Adam.
+//!
+//! Parameters of a model lie in one flat arena. Batches are column-major: one column per sample.
 
 pub mod adam;
 pub mod binary_images;

@@ -1,14 +1,15 @@
-//! exp, ln, log1p and tanh in `f32`, bit-identical on every machine: fixed-order `mul_add` polynomials without branches.
+//! exp, ln, log1p and tanh in `f32` with the same bits on every machine: `mul_add` polynomials in a fixed order, without
+//! branches.
 //!
-//! The functions of libm differ between versions and processors, so recorded arithmetic never calls them.
+//! Functions of libm differ between versions and processors, so nothing that reaches a result may call them.
 
-/// e^x. Within 2 ulp over -87..88; smaller arguments give the value at -87, larger ones that at 88.
+/// e^x, within 2 ulp. Arguments are clamped to -87..=88.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
     const LOG2_E: f32 = std::f32::consts::LOG2_E;
     const LN2_HIGH: f32 = 0.693_359_4;
     const LN2_LOW: f32 = -2.121_944_4e-4;
-    // Adding and taking away 1.5 * 2^23 rounds to the nearest integer.
+    // Adding and subtracting 1.5 * 2^23 rounds to the nearest integer.
     const ROUND: f32 = 12_582_912.0;
     let x = x.clamp(-87.0, 88.0);
     let rounded = x.mul_add(LOG2_E, ROUND);
@@ -21,7 +22,7 @@ pub fn exp(x: f32) -> f32 {
     let p = p.mul_add(r, 1.666_666_5e-1);
     let p = p.mul_add(r, 0.5);
     let y = p.mul_add(r * r, r) + 1.0;
-    // The lowest bits of `rounded` are those of n.
+    // The lowest bits of `rounded` are the bits of n.
     y * f32::from_bits((rounded.to_bits() << 23).wrapping_add(127 << 23))
 }
 
@@ -51,7 +52,7 @@ pub fn ln(x: f32) -> f32 {
 /// ln(1 + x) for x in 0..=1, within 3 ulp.
 #[inline(always)]
 pub fn ln_1p(x: f32) -> f32 {
-    // Corrects for what rounding 1 + x lost (Goldberg 1991, theorem 4).
+    // Adds what rounding 1 + x lost (Goldberg 1991, theorem 4).
     let u = 1.0 + x;
     let lost = x - (u - 1.0);
     ln(u) + lost / u

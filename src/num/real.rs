@@ -1,4 +1,4 @@
-//! The number a network computes with: `f32` in production, `f64` where finite differences and golden data check it.
+//! The number type of networks: `f32` in production, `f64` where finite differences and golden data check them.
 
 use std::{
     fmt::Debug,
@@ -9,6 +9,8 @@ use std::{
 use super::math;
 
 /// A floating-point number.
+///
+/// The functions have names of their own, since `f32::exp` and its like are those of libm, which differ between machines.
 pub trait Real:
     Copy
     + Debug
@@ -34,9 +36,9 @@ pub trait Real:
     /// 1.
     const ONE: Self;
 
-    /// The nearest number of this kind.
+    /// The nearest number of this type.
     fn of(value: f64) -> Self;
-    /// The value in double precision.
+    /// This number in double precision.
     fn f64(self) -> f64;
     /// e^x.
     fn e_to(self) -> Self;

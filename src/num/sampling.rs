@@ -1,11 +1,10 @@
-//! Normal and uniform samples with portable bits.
+//! Normal and uniform samples with the same bits on every machine.
 
 use rand::RngExt as _;
 
-use super::{Real, math};
-use crate::num::rng::Rng;
+use super::{Real, math, rng::Rng};
 
-/// Fills `out` with samples of N(0, 1), by Marsaglia's polar method.
+/// Fills `out` with samples of N(0, 1), drawn by Marsaglia's polar method.
 pub fn fill_normal<T: Real>(rng: &mut Rng, out: &mut [T]) {
     let mut pairs = out.chunks_mut(2);
     for pair in &mut pairs {
@@ -28,7 +27,7 @@ fn normal_pair(rng: &mut Rng) -> (f32, f32) {
     }
 }
 
-/// A uniform sample of low..high.
+/// A uniform sample from low..high.
 pub fn uniform(rng: &mut Rng, low: f32, high: f32) -> f32 {
     let unit = (rng.random::<u32>() >> 8) as f32 * (1.0 / 16_777_216.0);
     low + (high - low) * unit
@@ -39,7 +38,7 @@ pub fn index(rng: &mut Rng, count: usize) -> usize {
     ((u64::from(rng.random::<u32>()) * count as u64) >> 32) as usize
 }
 
-/// 0..count in random order (Fisher-Yates).
+/// Shuffles `order` (Fisher-Yates).
 pub fn shuffle(rng: &mut Rng, order: &mut [u32]) {
     for i in (1..order.len()).rev() {
         order.swap(i, index(rng, i + 1));

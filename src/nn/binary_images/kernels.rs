@@ -46,27 +46,27 @@ impl<T: Real> WithSimd for Affine<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        in_runs!(self, simd, self.layer.n_out, T::count::<S>());
+        in_runs!(self, simd, self.layer.n_out, T::lanes::<S>());
     }
 }
 
 impl<T: Real> Affine<'_, T> {
     #[inline(always)]
     fn run<S: Simd, const V: usize>(&mut self, simd: S, at: usize) {
-        let (n_out, lanes) = (self.layer.n_out, T::count::<S>());
-        let base = T::cut::<S>(&self.base[at..at + V * lanes]);
+        let (n_out, lanes) = (self.layer.n_out, T::lanes::<S>());
+        let base = T::registers::<S>(&self.base[at..at + V * lanes]);
         let values = self.images.level_values();
         let zero = T::splat(simd, T::ZERO);
         for (&image, y) in self.which.iter().zip(self.y.chunks_exact_mut(self.rows.stride)) {
             let mut sums: [T::V<S>; V] = std::array::from_fn(|v| base[v]);
             for &change in self.images.changes(image) {
                 let value = T::splat(simd, values.of(change));
-                let w = T::cut::<S>(&self.w[change.entry() * n_out + at..][..V * lanes]);
+                let w = T::registers::<S>(&self.w[change.entry() * n_out + at..][..V * lanes]);
                 for v in 0..V {
                     sums[v] = T::mul_add(simd, value, w[v], sums[v]);
                 }
             }
-            let y = T::cut_mut::<S>(&mut y[self.rows.offset + at..][..V * lanes]);
+            let y = T::registers_mut::<S>(&mut y[self.rows.offset + at..][..V * lanes]);
             for v in 0..V {
                 y[v] = if self.relu { T::max(simd, sums[v], zero) } else { sums[v] };
             }
@@ -111,7 +111,7 @@ impl<T: Real> WithSimd for WeightGradient<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        in_runs!(self, simd, self.n_out, T::count::<S>());
+        in_runs!(self, simd, self.n_out, T::lanes::<S>());
     }
 }
 
@@ -136,16 +136,16 @@ impl<T: Real> WeightGradient<'_, T> {
 
     #[inline(always)]
     fn run<S: Simd, const V: usize>(&mut self, simd: S, at: usize) {
-        let (images, lanes) = (self.images, T::count::<S>());
+        let (images, lanes) = (self.images, T::lanes::<S>());
         let values = images.level_values();
         self.start(at, V * lanes);
         for (&image, dy) in self.which.iter().zip(self.dy.chunks_exact(self.rows.stride)) {
-            let dy = T::cut::<S>(&dy[self.rows.offset + at..][..V * lanes]);
+            let dy = T::registers::<S>(&dy[self.rows.offset + at..][..V * lanes]);
             let dy: [T::V<S>; V] = std::array::from_fn(|v| dy[v]);
             for &change in images.changes_at(image, self.entries()) {
                 let value = T::splat(simd, values.of(change));
                 let entry = change.entry() - self.first;
-                let dw = T::cut_mut::<S>(&mut self.dw[entry * self.n_out + at..][..V * lanes]);
+                let dw = T::registers_mut::<S>(&mut self.dw[entry * self.n_out + at..][..V * lanes]);
                 for v in 0..V {
                     dw[v] = T::mul_add(simd, value, dy[v], dw[v]);
                 }

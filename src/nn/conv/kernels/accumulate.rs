@@ -37,7 +37,7 @@ impl<T: Real> WithSimd for WeightGradient<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        match T::count::<S>() {
+        match T::lanes::<S>() {
             16 if self.grid.block() == 32 => self.pixels::<S, 2, 8>(simd),
             16 => self.pixels::<S, 1, 8>(simd),
             8 => self.pixels::<S, 2, 4>(simd),
@@ -70,7 +70,7 @@ impl<T: Real> WeightGradient<'_, T> {
     /// All tiles for some pixels.
     #[inline(always)]
     fn tiles<S: Simd, const V: usize, const I: usize>(&mut self, simd: S, places: &[[usize; 2]]) {
-        let (g, lanes) = (self.grid, T::count::<S>());
+        let (g, lanes) = (self.grid, T::lanes::<S>());
         for tap in 0..g.taps.len() {
             for channel in (0..g.c_out).step_by(V * lanes) {
                 for input in (0..g.c_in).step_by(I) {
@@ -88,13 +88,13 @@ impl<T: Real> WeightGradient<'_, T> {
         places: &[[usize; 2]],
         (tap, input, channel): (usize, usize, usize),
     ) {
-        let (g, lanes) = (self.grid, T::count::<S>());
+        let (g, lanes) = (self.grid, T::lanes::<S>());
         let vectors = g.block() / lanes;
-        let dw = T::cut_mut::<S>(&mut self.dw[g.at(tap, input, channel)..]);
+        let dw = T::registers_mut::<S>(&mut self.dw[g.at(tap, input, channel)..]);
         let mut sums: [[T::V<S>; V]; I] = std::array::from_fn(|i| std::array::from_fn(|v| dw[i * vectors + v]));
         let (x, dy) = (&self.x[g.taps[tap] + input..], &self.dy[channel..]);
         for &[x_at, dy_at] in places {
-            let (x, dy) = (&x[x_at..x_at + I], &T::cut::<S>(&dy[dy_at..dy_at + V * lanes])[..V]);
+            let (x, dy) = (&x[x_at..x_at + I], &T::registers::<S>(&dy[dy_at..dy_at + V * lanes])[..V]);
             for i in 0..I {
                 let x = T::splat(simd, x[i]);
                 for v in 0..V {

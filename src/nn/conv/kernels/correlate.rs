@@ -51,7 +51,7 @@ impl<T: Real> Correlate<'_, T> {
     #[inline(always)]
     fn pixels<S: Simd, const STEP: usize, const C_IN: usize>(&mut self, simd: S) {
         // As many sums as there are registers: V vectors of channels for each of P pixels.
-        match T::count::<S>() {
+        match T::lanes::<S>() {
             16 if self.grid.block() == 32 => self.tiles::<S, STEP, C_IN, 2, 10, 5>(simd),
             16 => self.tiles::<S, STEP, C_IN, 1, 10, 5>(simd),
             8 => self.tiles::<S, STEP, C_IN, 2, 5, 1>(simd),
@@ -66,7 +66,7 @@ impl<T: Real> Correlate<'_, T> {
         &mut self,
         simd: S,
     ) {
-        let (g, lanes) = (self.grid, T::count::<S>());
+        let (g, lanes) = (self.grid, T::lanes::<S>());
         for channel in (0..g.c_out).step_by(V * lanes) {
             for row in 0..g.rows {
                 let [mut column, to] = run(g, self.runs, row);
@@ -96,17 +96,17 @@ impl<T: Real> Correlate<'_, T> {
         row: usize,
         column: usize,
     ) {
-        let (g, lanes) = (self.grid, T::count::<S>());
+        let (g, lanes) = (self.grid, T::lanes::<S>());
         // With vectors of 16 a tile is as wide as a block, so that this is a constant.
         let vectors = if lanes == 16 { V } else { g.block() / lanes };
         let first = channel % g.block() / lanes;
-        let start = T::cut::<S>(&self.start[channel..]);
+        let start = T::registers::<S>(&self.start[channel..]);
         let mut sums: [[T::V<S>; V]; P] = [std::array::from_fn(|v| start[v]); P];
         let w = &self.w[g.at(0, 0, channel / g.block() * g.block())..];
         let x = &self.x[row * g.in_row + column * STEP..];
         for (&tap, w) in g.taps.iter().zip(w.chunks_exact(C_IN * g.block())) {
             let x: &[[T; STEP]; P] = x[tap..].as_chunks::<STEP>().0.first_chunk().expect("a tile within the image");
-            let w = &T::cut::<S>(w)[first..];
+            let w = &T::registers::<S>(w)[first..];
             for (i, w) in (0..C_IN).zip(w.chunks(vectors)) {
                 let w = &w[..V];
                 for p in 0..P {
@@ -120,7 +120,7 @@ impl<T: Real> Correlate<'_, T> {
         let y = &mut self.y[g.out_start + row * g.out_row + column * g.out_column + channel..];
         let zero = T::splat(simd, T::ZERO);
         for p in 0..P {
-            let y = &mut T::cut_mut::<S>(&mut y[p * g.out_column..])[..V];
+            let y = &mut T::registers_mut::<S>(&mut y[p * g.out_column..])[..V];
             for v in 0..V {
                 y[v] = if self.relu { T::max(simd, sums[p][v], zero) } else { sums[p][v] };
             }
