@@ -67,7 +67,7 @@ fn a_run_is_drawn_as_a_curve_and_a_strip_of_maps() {
     }
     assert!(strip.contains("smoke, seed 2"));
 
-    let lost = carl_pipe(folder.path(), "plot --point seed=9");
+    let lost = carl_pipe(folder.path(), &format!("plot --point seed=9 -o {}", pictures.display()));
     assert_eq!(lost.0, Some(2));
     assert!(
         lost.2.contains("no latent map of `seed=9`") && lost.2.contains("`seed=0`, `seed=1`, `seed=2`"),
