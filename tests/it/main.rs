@@ -1,6 +1,7 @@
 //! Every test of the whole program but those that need a process of their own.
 
 mod cli;
+mod docs;
 mod pipeline;
 mod record;
 mod report;
