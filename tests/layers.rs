@@ -110,7 +110,6 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
 
 /// Uses that are narrower than the table: in this layer, only these paths of the other one.
 const ONLY: &[(&str, &str, &[&str])] = &[
-    ("pipeline", "env", &["RefusedOption", "Task"]),
     ("artifact", "control", &["Agent", "Ilqr", "agent", "rollout"]),
     ("artifact", "env", &["Start"]),
 ];

@@ -7,6 +7,7 @@ use serde_json::Value;
 
 use crate::{
     env::Task,
+    node_name::without_member,
     num::rng::Stream,
     stage::{Kind, Port},
 };
@@ -67,8 +68,10 @@ impl Graph {
     pub fn is_named(&self, id: NodeId, target: &str) -> bool {
         let node = &self.nodes[id];
         let member = &self.members[node.member].name;
-        let of_all = |name: &str| !member.is_empty() && name.split_once('/').is_some_and(|(_, rest)| rest == target);
-        node.stage == target || node.name == target || (!member.is_empty() && member == target) || of_all(&node.stage)
+        if member.is_empty() {
+            return node.stage == target || node.name == target;
+        }
+        [member.as_str(), node.stage.as_str(), node.name.as_str(), without_member(&node.stage)].contains(&target)
     }
 }
 

@@ -1,13 +1,20 @@
 //! The JSON schema of `[task]`.
 
-use serde_json::{Value as Json, json};
+use serde_json::{Map, Value as Json, json};
 
-/// What a task may hold.
+use crate::env::{OptionValue, registry};
+
+/// The keys that the tasks know, and the type of each. An option of another task is refused later, by the task.
 pub(super) fn schema() -> Json {
-    let number = json!({ "type": "number" });
-    json!({ "type": "object", "additionalProperties": false, "required": ["env"], "properties": {
-        "env": { "enum": ["planar", "swing_up", "cart_pole", "three_pole"] },
-        "noise": number, "step": number, "torque": number,
-        "links": { "type": "integer", "minimum": 0 },
-    } })
+    let names: Vec<&str> = registry().iter().map(|kind| kind.name).collect();
+    let mut properties = Map::new();
+    properties.insert("env".to_owned(), json!({ "enum": names }));
+    for option in registry().iter().flat_map(|kind| kind.options) {
+        let schema = match option.default {
+            OptionValue::Number(_) => json!({ "type": "number" }),
+            OptionValue::Count(_) => json!({ "type": "integer", "minimum": 0 }),
+        };
+        properties.entry(option.name).or_insert(schema);
+    }
+    json!({ "type": "object", "additionalProperties": false, "required": ["env"], "properties": properties })
 }

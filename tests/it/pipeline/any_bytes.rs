@@ -1,17 +1,30 @@
-//! Whatever a file or an argument holds, reading it ends in a graph or in mistakes, never in a panic.
+//! Reading any file with any argument ends in a graph or in mistakes, never in a panic.
 
 use std::collections::BTreeSet;
 
 use crate::support::pipeline::{ONLINE, kinds, overrides};
 use carl_pipe::{
-    pipeline::{Graph, Source, dag_mermaid, dag_text, load},
+    diag::Diagnostics,
+    pipeline::{Graph, Source, dag_mermaid, dag_text, load, load_with},
     stage::Arity,
 };
 use proptest::prelude::*;
 
-/// Loads, and renders the mistakes, since spans may be wrong too.
+/// Loads a file.
 fn read(bytes: &[u8], set: &[&str], sweep: &[&str]) {
-    match load(&Source::new("p.toml", bytes), &overrides(set, sweep), kinds()) {
+    hold(load(&Source::new("p.toml", bytes), &overrides(set, sweep), kinds()));
+}
+
+/// Loads a file that extends `base`.
+fn read_extending(base: &[u8]) {
+    let file = "schema = 1\nextends = \"p.toml\"\nname = \"above\"\n[stages.represent]\nfirst.epochs = 3\n[matrix]\nseed = [1]\n";
+    let base = |_: &str| Ok(Source::new("p.toml", base));
+    hold(load_with(&Source::new("above.toml", file), &overrides(&[], &[]), kinds(), &base));
+}
+
+/// Checks the promises of a graph, or renders the mistakes: a wrong place would panic there.
+fn hold(loaded: Result<Graph, Diagnostics>) {
+    match loaded {
         Ok(graph) => hold_promises(&graph),
         Err(mistakes) => {
             assert!(!mistakes.list().is_empty());
@@ -22,7 +35,7 @@ fn read(bytes: &[u8], set: &[&str], sweep: &[&str]) {
     }
 }
 
-/// What every graph promises to those who run it.
+/// Checks what every graph promises.
 fn hold_promises(graph: &Graph) {
     let names: BTreeSet<&str> = graph.nodes.iter().map(|node| node.name.as_str()).collect();
     assert_eq!(names.len(), graph.nodes.len(), "names are unique");
@@ -167,6 +180,11 @@ proptest! {
     #[test]
     fn a_file_with_pieces_changed(bytes in mutated()) {
         read(&bytes, &[], &[]);
+    }
+
+    #[test]
+    fn a_base_with_pieces_changed(bytes in mutated()) {
+        read_extending(&bytes);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Every mistake a pipeline file or an argument can hold, as the user sees it: compared with `tests/it/pipeline/mistakes/`.
 //!
-//! `CARL_ACCEPT=1 cargo test --test pipeline_mistakes` writes those files anew; read the difference before you commit.
+//! `CARL_ACCEPT=1 cargo test --test it pipeline::mistakes` writes those files anew; read the difference before you commit.
 
 use std::{fmt::Write as _, fs, path::Path};
 

@@ -1,6 +1,6 @@
 //! How a pipeline and the kinds are shown: compared with `tests/it/pipeline/render/`.
 //!
-//! `CARL_ACCEPT=1 cargo test --test pipeline_render` writes those files anew; read the difference before you commit.
+//! `CARL_ACCEPT=1 cargo test --test it pipeline::render` writes those files anew; read the difference before you commit.
 
 use std::{fs, path::Path};
 
