@@ -109,10 +109,8 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
 ];
 
 /// Uses that are narrower than the table: in this layer, only these paths of the other one.
-const ONLY: &[(&str, &str, &[&str])] = &[
-    ("artifact", "control", &["Agent", "Ilqr", "agent", "rollout"]),
-    ("artifact", "env", &["Start"]),
-];
+const ONLY: &[(&str, &str, &[&str])] =
+    &[("artifact", "control", &["Agent", "Ilqr", "agent", "rollout"]), ("artifact", "env", &["Start"])];
 
 /// What learns: it gets pictures, actions and codes, and a true state cannot reach it.
 const LEARNING: &[&str] =
