@@ -101,8 +101,8 @@ fn convolution(bencher: Bencher<'_, '_>, name: &str, which: Pass) {
     let x = numbers(IMAGES * side * side * channels[0]);
     let fill = |i: usize, input: &mut [f32]| conv.fill(&x, i, input);
     stack.forward(&packed, &mut pass, fill);
-    let delta = numbers(pass.layers.delta[0].len());
-    pass.layers.delta[0].copy_from_slice(&delta);
+    let delta = numbers(pass.layers.output().len());
+    pass.layers.output_delta().copy_from_slice(&delta);
     let (mut shards, mut gradient) = (stack.shard_sums(), vec![0.0; layout.len]);
     let work = 2 * 25 * IMAGES * conv.pixels() * channels[0];
     bencher.counter(ItemsCount::new(work)).bench_local(|| match which {

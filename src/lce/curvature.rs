@@ -9,7 +9,7 @@ use crate::{
     nn::{
         columns::{Block, BlockMut, cut_together},
         mat::{self, Accumulate},
-        mlp::{Linear, Mlp, Pass, PassMut, mask},
+        mlp::{Linear, Mlp, Pass, PassMut},
     },
     num::Real,
 };
@@ -127,8 +127,7 @@ impl<T: Real> CurvatureColumns<'_, T> {
         weight: T,
         mut value: impl FnMut(usize, T),
     ) {
-        let [_, last_hidden, _] = &self.at.out;
-        head.forward(arena, last_hidden, self.jacobians.data, false);
+        head.forward(arena, self.at.last_hidden(), self.jacobians.data, false);
         let (width, n) = (f.layers[2].n_out, f.layers[2].n_out / 2);
         let [(at, d_at), (near, d_near)] = [&mut self.at, &mut self.near].map(PassMut::output_and_delta);
         d_at.fill(T::ZERO);
@@ -163,25 +162,20 @@ impl<T: Real> CurvatureColumns<'_, T> {
 
     /// The deltas of F at the point. The head's deltas flow into F's last hidden layer, too.
     fn back_through_head(&mut self, (f, head): (&Mlp<3>, &Linear), arena: &[T]) {
-        let [out_0, out_1, _] = &self.at.out;
-        let [d_0, d_1, d_2] = self.at.delta.each_mut();
-        f.layers[2].backward(arena, d_2, d_1);
-        let shape = (head.n_out, head.n_in, d_1.len() / head.n_in);
-        mat::product_transposed(d_1, Accumulate::Add, head.w(arena), self.d_jacobians.data, shape);
-        mask(d_1, out_1);
-        f.layers[1].backward(arena, d_1, d_0);
-        mask(d_0, out_0);
+        f.backward_with_second_head(arena, &mut self.at, |d_hidden| {
+            let shape = (head.n_out, head.n_in, d_hidden.len() / head.n_in);
+            mat::product_transposed(d_hidden, Accumulate::Add, head.w(arena), self.d_jacobians.data, shape);
+        });
     }
 
     /// Adds F's gradients over all samples, and sets the head's.
     pub(super) fn add_gradient(&self, nets: &Nets, gradient: &mut [T]) {
         let f = &nets.dynamics;
-        let [_, last_hidden, _] = &self.at.out;
         f.gradient(1, gradient, Accumulate::Add, self.at_input.data, &self.at);
         f.gradient(1, gradient, Accumulate::Add, self.near_input.data, &self.near);
         match &nets.jacobian_head {
             None => f.add_tangent_gradient(gradient, self.direction.data, &self.tangent),
-            Some(head) => head.gradient(1, gradient, Accumulate::Replace, last_hidden, self.d_jacobians.data),
+            Some(head) => head.gradient(1, gradient, Accumulate::Replace, self.at.last_hidden(), self.d_jacobians.data),
         }
     }
 }

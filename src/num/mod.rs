@@ -1,6 +1,8 @@
 //! Numerics that every layer may use: random streams, sampling, portable functions, small linear algebra, vector
 //! registers, threads, statistics.
 
+#[cfg(test)]
+pub(crate) mod instruction_sets;
 pub mod linalg;
 pub mod math;
 mod real;

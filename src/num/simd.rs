@@ -69,39 +69,8 @@ pub(crate) fn has_fused_vectors() -> bool {
 /// The widest instruction set of this machine; in tests, the one set by `on_every_instruction_set`.
 pub(crate) fn arch() -> pulp::Arch {
     #[cfg(test)]
-    if let Some(arch) = tests::FORCED.get() {
+    if let Some(arch) = super::instruction_sets::forced() {
         return arch;
     }
     pulp::Arch::new()
-}
-
-#[cfg(test)]
-pub(crate) mod tests {
-    use std::{cell::Cell, fmt::Debug};
-
-    use pulp::{
-        Arch,
-        x86::{V3, V4},
-    };
-
-    thread_local! {
-        /// The instruction set that [`arch`](super::arch) returns on this thread.
-        pub(super) static FORCED: Cell<Option<Arch>> = const { Cell::new(None) };
-    }
-
-    /// Runs `work` on every instruction set of this machine and asserts equal results.
-    pub(crate) fn on_every_instruction_set<R: PartialEq + Debug>(work: impl Fn() -> R) {
-        let wide = [V4::try_new().map(Arch::V4), V3::try_new().map(Arch::V3)];
-        let plain = work_on(Arch::Scalar, &work);
-        for arch in wide.into_iter().flatten() {
-            assert!(work_on(arch, &work) == plain, "{arch:?} gives other bits than scalar arithmetic");
-        }
-    }
-
-    fn work_on<R>(arch: Arch, work: impl Fn() -> R) -> R {
-        FORCED.set(Some(arch));
-        let result = work();
-        FORCED.set(None);
-        result
-    }
 }

@@ -1,7 +1,7 @@
 use rand::SeedableRng as _;
 
 use super::*;
-use crate::num::{math, simd::tests::on_every_instruction_set};
+use crate::num::{instruction_sets::on_every_instruction_set, math};
 
 fn exact(temperature: f64) -> Guidance {
     Guidance { temperature, discount: 0.5, bound: 30.0, normalize: false, ..Guidance::default() }

@@ -86,7 +86,7 @@ impl Dynamics for LatentDynamics {
         let mut pass = self.pass.view(1);
         if let Some(head) = &self.jacobian_head {
             let mut a = vec![0.0; head.n_out];
-            head.forward(&self.arena, pass.out[1], &mut a, false);
+            head.forward(&self.arena, pass.last_hidden(), &mut a, false);
             let b = a.split_off(n * n);
             return Jacobians { a: Matrix::new(n, a), b: Matrix::new(u.len(), b) };
         }

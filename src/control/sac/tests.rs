@@ -312,7 +312,7 @@ fn averaged_networks_move_by_their_rate_and_targets_stay_without_a_bootstrap() {
 #[test]
 fn every_instruction_set_trains_to_the_same_bits() {
     let (model, codes) = (known_model(), codes());
-    crate::num::simd::tests::on_every_instruction_set(|| {
+    crate::num::instruction_sets::on_every_instruction_set(|| {
         let settings = Sac { bootstrap: true, ..settings() };
         let mut trainer = SacTrainer::new(learner(&settings, 9), &model, &codes, settings);
         for _ in 0..3 {

@@ -2,9 +2,8 @@
 
 use crate::{
     nn::{
-        binary_images::{BinaryImages, OutputRows},
+        binary_images::BinaryImages,
         columns::cut_together,
-        mat::Accumulate,
         mlp::{Mlp, Pass, PassMut},
     },
     num::Real,
@@ -29,11 +28,6 @@ cut_together! {
     }
 }
 
-/// The rows of the first layer's output, which nothing else shares.
-fn output_rows(net: &Mlp<3>) -> OutputRows {
-    OutputRows { stride: net.layers[0].n_out, offset: 0 }
-}
-
 impl<T: Real> DenseEncoderPass<T> {
     pub(super) fn new(net: &Mlp<3>, samples: usize, each: usize) -> Self {
         Self { net: *net, base: vec![T::ZERO; net.layers[0].n_out], pass: Pass::new(net, samples, each) }
@@ -55,17 +49,13 @@ impl<T: Real> DenseEncoderPass<T> {
         (images, which): (&BinaryImages, &[u32]),
         samples: usize,
     ) {
-        let (first, pass) = (&self.net.layers[0], self.pass.view(samples));
-        images.gradient(threads, first, gradient, which, pass.delta[0], output_rows(&self.net));
-        self.net.gradient_from_second(threads, gradient, Accumulate::Replace, &pass);
+        self.net.gradient_on_images(threads, gradient, (images, which), &self.pass.view(samples));
     }
 }
 
 impl<T: Real> DenseEncoderColumns<'_, T> {
     pub(super) fn forward(&mut self, arena: &[T], (images, which): (&BinaryImages, &[u32])) {
-        let first = &self.net.layers[0];
-        images.affine(first, arena, self.base, which, self.pass.out[0], output_rows(self.net), true);
-        self.net.forward_from_second(arena, &mut self.pass);
+        self.net.forward_on_images(arena, self.base, (images, which), &mut self.pass);
     }
 
     pub(super) fn backward(&mut self, arena: &[T]) {

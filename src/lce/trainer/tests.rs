@@ -8,7 +8,7 @@ use crate::{
         passive_dynamics::PassiveDynamics,
         sizes::{BackwardSizes, ImageNetworks, Sizes},
     },
-    num::simd::tests::on_every_instruction_set,
+    num::instruction_sets::on_every_instruction_set,
 };
 
 /// Every term that needs no regularizer.

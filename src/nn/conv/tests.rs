@@ -5,7 +5,7 @@ use rand::SeedableRng as _;
 use super::*;
 use crate::{
     nn::mlp::Layout,
-    num::{Real, rng::Rng, sampling, simd::tests::on_every_instruction_set},
+    num::{Real, instruction_sets::on_every_instruction_set, rng::Rng, sampling},
 };
 
 pub(super) const IMAGES: usize = 9;

@@ -7,6 +7,7 @@
 mod columnwise;
 mod layout;
 mod linear;
+mod on_images;
 mod pass;
 mod tangent;
 
@@ -33,7 +34,7 @@ impl<const L: usize> Mlp<L> {
     }
 
     /// Runs the layers after the first, whose output is already in the pass.
-    pub fn forward_from_second<T: Real>(&self, arena: &[T], pass: &mut PassMut<'_, T, L>) {
+    fn forward_from_second<T: Real>(&self, arena: &[T], pass: &mut PassMut<'_, T, L>) {
         for i in 1..L {
             let (before, after) = pass.out.split_at_mut(i);
             self.layers[i].forward(arena, before[i - 1], after[0], i + 1 < L);
@@ -43,13 +44,28 @@ impl<const L: usize> Mlp<L> {
     /// Computes the deltas of all layers from that of the last, and the gradient with respect to the input into `d_x` if
     /// it is given.
     pub fn backward<T: Real>(&self, arena: &[T], pass: &mut PassMut<'_, T, L>, d_x: Option<&mut [T]>) {
+        self.backward_with_second_head(arena, pass, |_| {});
+        if let Some(d_x) = d_x {
+            self.layers[0].backward(arena, pass.delta[0], d_x);
+        }
+    }
+
+    /// Like [`Mlp::backward`], for a network whose last hidden layer is also read by a second head. `add_gradient` adds the
+    /// head's gradient with respect to the hidden layer's output.
+    pub fn backward_with_second_head<T: Real>(
+        &self,
+        arena: &[T],
+        pass: &mut PassMut<'_, T, L>,
+        add_gradient: impl FnOnce(&mut [T]),
+    ) {
+        let mut add_gradient = Some(add_gradient);
         for i in (1..L).rev() {
             let (before, after) = pass.delta.split_at_mut(i);
             self.layers[i].backward(arena, after[0], before[i - 1]);
+            if let Some(add_gradient) = add_gradient.take() {
+                add_gradient(before[i - 1]);
+            }
             mask(before[i - 1], pass.out[i - 1]);
-        }
-        if let Some(d_x) = d_x {
-            self.layers[0].backward(arena, pass.delta[0], d_x);
         }
     }
 
@@ -67,7 +83,7 @@ impl<const L: usize> Mlp<L> {
     }
 
     /// Sets or adds the gradients of the weights after the first layer.
-    pub fn gradient_from_second<T: Real>(
+    fn gradient_from_second<T: Real>(
         &self,
         threads: usize,
         gradient: &mut [T],

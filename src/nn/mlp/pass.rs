@@ -48,9 +48,9 @@ fn first_of<T, const L: usize>(buffers: &mut [Vec<T>; L], widths: [usize; L], sa
 pub struct PassMut<'a, T, const L: usize> {
     widths: [usize; L],
     /// The output of every layer, after its ReLU.
-    pub out: [&'a mut [T]; L],
+    pub(in crate::nn) out: [&'a mut [T]; L],
     /// The gradient with respect to every layer's output, before its ReLU.
-    pub delta: [&'a mut [T]; L],
+    pub(in crate::nn) delta: [&'a mut [T]; L],
 }
 
 impl<T: Real, const L: usize> Cut for PassMut<'_, T, L> {

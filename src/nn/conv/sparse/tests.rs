@@ -8,7 +8,7 @@ use crate::{
         Resize,
         tests::{IMAGES, case, inner, plainly},
     },
-    num::{rng::Rng, sampling, simd::tests::on_every_instruction_set},
+    num::{instruction_sets::on_every_instruction_set, rng::Rng, sampling},
 };
 
 /// A small stack like the encoder's, on observations of two frames.

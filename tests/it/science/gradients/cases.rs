@@ -1,0 +1,122 @@
+//! Tiny models of every kind, with a batch.
+
+use carl_pipe::{
+    lce::{BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes, objective::Noise},
+    nn::{
+        binary_images::{BinaryImages, PooledPatches},
+        mlp::Linear,
+    },
+    num::{rng::Rng, sampling},
+};
+use rand::SeedableRng as _;
+
+use super::random;
+
+/// A tiny model, its images and a batch.
+pub(super) struct Case {
+    pub(super) model: LceModel<f64>,
+    pub(super) pictures: BinaryImages,
+    pub(super) pairs: Vec<u32>,
+    pub(super) x: Vec<u32>,
+    pub(super) actions: Vec<f64>,
+    pub(super) noise: Vec<f64>,
+    pub(super) guidance: Vec<f64>,
+    /// How many parameters of a layer are checked.
+    pub(super) each: usize,
+}
+
+pub(super) const SAMPLES: usize = 5;
+
+pub(super) fn case(latent: usize, action: usize) -> Case {
+    case_of(Sizes {
+        jacobian_heads: false,
+        passive_dynamics: PassiveDynamics::None,
+        pixels: 23,
+        latent,
+        action,
+        images: ImageNetworks::Dense,
+        encoder: [7, 6],
+        decoder: [5, 7],
+        dynamics: [6, 5],
+        backward: BackwardSizes { z: 3, u: 4, x: 5, joint: 6 },
+    })
+}
+
+/// Two frames of 16 rows and 24 columns: 2x3 pixels where the image is smallest, of 2 and of 3 channels.
+pub(super) fn convolutional_case() -> Case {
+    case_of(Sizes {
+        jacobian_heads: false,
+        passive_dynamics: PassiveDynamics::None,
+        pixels: 2 * 16 * 24,
+        latent: 3,
+        action: 2,
+        images: ImageNetworks::Convolutional { frames: 2, rows: 16, columns: 24 },
+        encoder: [2 * 6, 7],
+        decoder: [6, 3 * 6],
+        dynamics: [6, 5],
+        backward: BackwardSizes { z: 3, u: 4, x: 5, joint: 6 },
+    })
+}
+
+/// Six patches of 2x2 pixels.
+pub(super) fn patches_case() -> Case {
+    let Case { model, .. } = case(2, 1);
+    let images = ImageNetworks::Patches(PooledPatches { columns: 6, side: 2 });
+    case_of(Sizes { pixels: 4 * 6, images, ..model.sizes })
+}
+
+/// A model with heads for F's Jacobians.
+pub(super) fn amortized_case() -> Case {
+    let Case { model, .. } = case(2, 1);
+    case_of(Sizes { jacobian_heads: true, ..model.sizes })
+}
+
+/// A model with passive dynamics and three coordinates.
+pub(super) fn drifting_case() -> Case {
+    let Case { model, .. } = case(3, 1);
+    let mut case = case_of(Sizes { passive_dynamics: PassiveDynamics::Quadratic, ..model.sizes });
+    // Passive dynamics begin at zero, where many gradients are zero, too.
+    let (name, layer) = case.model.nets.layout.layers.last().expect("layers");
+    assert_eq!(name, "drift");
+    let drift = &mut case.model.arena[layer.at..layer.at + layer.len()];
+    assert_eq!(drift, [0.0; 3 * (1 + 3 + 6)]);
+    drift.copy_from_slice(&random(&mut Rng::seed_from_u64(9), drift.len()));
+    case.each = 30;
+    case
+}
+
+fn case_of(sizes: Sizes) -> Case {
+    let mut rng = Rng::seed_from_u64(6);
+    let (pixels, latent, action) = (sizes.pixels, sizes.latent, sizes.action);
+    let frames: Vec<u8> = (0..2 * SAMPLES * pixels).map(|_| u8::from(sampling::index(&mut rng, 4) == 0)).collect();
+    let background = carl_pipe::lce::model::background(&frames, pixels);
+    let mut model = LceModel::<f64>::new(sizes, background, &mut rng);
+    // Weights are larger than those of a new model, so that no part of the loss is flat.
+    model.arena.iter_mut().for_each(|w| *w *= 1.8);
+    let pictures = model.pictures(&frames);
+    let pairs: Vec<u32> = (0..2 * SAMPLES as u32).rev().collect();
+    let mut noise = vec![0.0; SAMPLES * Noise::<f64>::width(latent, action)];
+    sampling::fill_normal(&mut rng, &mut noise);
+    Case {
+        x: pairs.iter().step_by(2).copied().collect(),
+        pairs,
+        actions: random(&mut rng, SAMPLES * action),
+        noise,
+        guidance: random(&mut rng, SAMPLES).iter().map(|w| 1.5 + w).collect(),
+        each: if matches!(model.sizes.images, ImageNetworks::Convolutional { .. }) { 4 } else { 12 },
+        model,
+        pictures,
+    }
+}
+
+/// Up to `each` parameters of every layer, weights and biases.
+pub(super) fn some_of(layers: &[(String, Linear)], each: usize) -> Vec<(String, Vec<usize>)> {
+    let mut rng = Rng::seed_from_u64(7);
+    let choose = |(name, layer): &(String, Linear)| {
+        let mut which: Vec<u32> = (layer.at as u32..(layer.at + layer.len()) as u32).collect();
+        sampling::shuffle(&mut rng, &mut which);
+        let last = layer.at + layer.len() - 1;
+        (name.clone(), which.iter().take(each).map(|&i| i as usize).chain([last]).collect())
+    };
+    layers.iter().map(choose).collect()
+}
