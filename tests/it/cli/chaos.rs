@@ -1,6 +1,7 @@
-//! Kills at random moments: the same command finishes, nothing finished runs twice, and every byte is as without kills.
+//! Kills the program at random moments. The same command then finishes, no finished node runs twice, and every byte is
+//! the same as without kills.
 //!
-//! `CHAOS_KILLS` says how many; `CHAOS_PIPELINE` runs the real program on that pipeline instead of the toy one.
+//! `CHAOS_KILLS` is the number of kills. `CHAOS_PIPELINE` names a pipeline for the real program, in place of the toy.
 
 #![allow(clippy::disallowed_methods, reason = "tests wait and measure")]
 

@@ -1,4 +1,4 @@
-//! What the store promises: nothing runs twice, nothing wrong is served, and damage costs only its maker.
+//! The cache: no node runs twice, no damaged output is used, and damage reruns only the node that made the output.
 
 use std::fs;
 

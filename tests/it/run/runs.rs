@@ -1,4 +1,4 @@
-//! What a run promises: failures stay small, a stop publishes nothing, and it can be replayed and cleaned up after.
+//! Runs: a failure stops only what needs it, a stop publishes nothing, and a run can be replayed and removed.
 
 use std::{
     fs,

@@ -1,4 +1,4 @@
-//! A kind that adds numbers and misbehaves on demand, and a short way to wire graphs of it.
+//! A toy kind that adds numbers and misbehaves when asked to, and short functions that build and run graphs of it.
 #![allow(dead_code)]
 
 use std::{
