@@ -6,7 +6,8 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::{
-    outcomes::{outcomes, without_seed},
+    outcomes::outcomes,
+    point::without_seed,
     series::{Series, pooled},
 };
 use crate::{

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::json;
 
-use super::outcomes::{without_samples, without_seed};
+use super::point::{without_samples, without_seed};
 use crate::{
     digest::{self, Digest},
     node_name::without_member,

@@ -7,6 +7,7 @@ pub mod headline;
 mod lineage;
 pub mod numbers;
 pub mod outcomes;
+mod point;
 pub mod series;
 pub mod table;
 mod tell_apart;

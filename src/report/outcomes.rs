@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Value, json};
 
-use super::lineage::Lineage;
+use super::{lineage::Lineage, point::without_seed};
 use crate::{
     digest::Digest,
     env::{Protocol, Task},
@@ -125,16 +125,6 @@ fn metrics(manifest: &Manifest, node: &NodeRecord) -> BTreeMap<String, f64> {
         }
     }
     metrics
-}
-
-/// The values of the axes of a node's matrix except the seed.
-pub(super) fn without_seed(node: &NodeRecord) -> Vec<(String, String)> {
-    node.about.point.iter().filter(|(axis, _)| axis != "seed").cloned().collect()
-}
-
-/// A point without the axes that only set the number of samples.
-pub(super) fn without_samples(point: Vec<(String, String)>) -> Vec<(String, String)> {
-    point.into_iter().filter(|(axis, _)| !axis.ends_with(".samples")).collect()
 }
 
 /// A point as text: `a.plus=1 b.steps=2`.

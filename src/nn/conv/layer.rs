@@ -1,11 +1,7 @@
 //! One convolutional layer: its shape and where its numbers lie.
 
-use super::{
-    kernels::{Grid, correlate},
-    packed_weights::PackedWeights,
-    sparse::ActiveRows,
-};
-use crate::{nn::mlp::Linear, num::Real};
+use super::kernels::Grid;
+use crate::nn::mlp::Linear;
 
 /// A convolution with bias, followed by a ReLU if asked for.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -126,23 +122,5 @@ impl Conv {
     /// The padded deltas from the core's first output on, and the length of their rows.
     pub(super) fn deltas<'a, T>(&self, padded: &'a [T]) -> (&'a [T], usize) {
         (&padded[self.delta_at(0, 0)..], self.padded_deltas.size[1] * self.forward.c_out)
-    }
-
-    /// Computes the gradient with respect to the input, without border, from padded deltas. With `within`, only at
-    /// these active rows of the input; the vector beside them is a buffer.
-    pub(super) fn d_input<T: Real>(
-        &self,
-        weights: &PackedWeights<T>,
-        padded: &[T],
-        mut within: Option<(&ActiveRows, &mut Vec<[usize; 2]>)>,
-        d_input: &mut [T],
-    ) {
-        for (Phase { first, grid, .. }, w) in self.backward.iter().zip(&weights.backward) {
-            let runs = within.as_mut().map(|(active_rows, runs)| {
-                active_rows.phase(*first, self.stride, runs);
-                &runs[..]
-            });
-            correlate(grid, runs, w, &weights.zeros, false, padded, d_input);
-        }
     }
 }

@@ -2,7 +2,9 @@
 
 use super::{
     Conv,
+    kernels::correlate,
     layer::{Fold, Phase},
+    sparse::ActiveRows,
 };
 use crate::num::Real;
 
@@ -75,6 +77,24 @@ impl Conv {
             for (sum, &d) in db.iter_mut().zip(block) {
                 *sum += d;
             }
+        }
+    }
+
+    /// Computes the gradient with respect to the input, without border, from padded deltas. With `within`, only at
+    /// these active rows of the input; the vector beside them is a buffer.
+    pub(super) fn d_input<T: Real>(
+        &self,
+        weights: &PackedWeights<T>,
+        padded: &[T],
+        mut within: Option<(&ActiveRows, &mut Vec<[usize; 2]>)>,
+        d_input: &mut [T],
+    ) {
+        for (Phase { first, grid, .. }, w) in self.backward.iter().zip(&weights.backward) {
+            let runs = within.as_mut().map(|(active_rows, runs)| {
+                active_rows.phase(*first, self.stride, runs);
+                &runs[..]
+            });
+            correlate(grid, runs, w, &weights.zeros, false, padded, d_input);
         }
     }
 }

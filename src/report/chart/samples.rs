@@ -10,7 +10,8 @@ use crate::{
     report::{
         groups::grouped,
         numbers::number,
-        outcomes::{Outcome, point_text, without_samples},
+        outcomes::{Outcome, point_text},
+        point::without_samples,
         table::field,
         tell_apart::suffixes,
     },

@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 
-use super::model::{ACTION, BATCH, PIXELS};
+use super::sizes::{ACTION, BATCH, PIXELS};
 
 const SIDE: usize = 40;
 const SAMPLES: usize = 2048;

@@ -7,6 +7,7 @@
 
 mod data;
 mod model;
+mod sizes;
 
 use std::{
     io::{BufRead as _, Write as _},
@@ -18,7 +19,8 @@ use burn::{
     optim::{AdamConfig, GradientsParams, ModuleOptimizer, decay::WeightDecayConfig},
     tensor::{Device, Distribution, Tensor},
 };
-use model::{ACTION, BATCH, Carl, LATENT};
+use model::Carl;
+use sizes::{ACTION, BATCH, LATENT};
 
 struct Step {
     device: Device,

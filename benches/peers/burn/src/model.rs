@@ -9,12 +9,11 @@ use burn::{
     },
 };
 
-use super::data::Batch;
+use super::{
+    data::Batch,
+    sizes::{ACTION, BATCH, LATENT, PIXELS},
+};
 
-pub const BATCH: usize = 128;
-pub const PIXELS: usize = 1600;
-pub const LATENT: usize = 2;
-pub const ACTION: usize = 2;
 const CURVATURE_SIGMA: f32 = 0.1;
 const HALF_LN_TAU: f32 = 0.918_938_5;
 const PREDICTION: f32 = 1.0;
