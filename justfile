@@ -1,44 +1,50 @@
 # `just` lists what there is. CI runs .ci/run, which is the last word.
 
-features := ""
-
 # List the recipes.
 default:
     @just --list
 
-# Build the program; `just features=--no-default-features build` leaves the Rerun SDK out.
+# Build the program.
 build:
-    cargo build --release {{features}}
+    cargo build --release
 
-# Everything that `cargo test` checks.
+# Build the live view. The Rerun SDK takes about ten minutes.
+build-view:
+    cargo build --release -p carl-view
+
+# All tests of the program.
 test:
-    cargo test {{features}}
+    cargo test
+
+# All tests of the live view.
+test-view:
+    cargo test -p carl-view
 
 # The whole graph with tiny sizes.
 smoke *args:
-    cargo run {{features}} -- run pipelines/smoke.toml {{args}}
+    cargo run -- run pipelines/smoke.toml {{args}}
 
 # The main job.
 run *args:
-    cargo run --release {{features}} -- run pipelines/planar_online.toml {{args}}
+    cargo run --release -- run pipelines/planar_online.toml {{args}}
 
 clippy:
-    cargo clippy --no-default-features --all-targets -- -D warnings
+    cargo clippy --workspace --all-targets -- -D warnings
 
 fmt:
     cargo fmt --all
 
 # Kill smoke.toml fifty times at random moments: nothing finished is lost or done twice.
 chaos kills="50":
-    CHAOS_KILLS={{kills}} CHAOS_PIPELINE=pipelines/smoke.toml cargo test {{features}} --test cli_chaos -- --nocapture
+    CHAOS_KILLS={{kills}} CHAOS_PIPELINE=pipelines/smoke.toml cargo test --test it cli::chaos -- --nocapture
 
 # The documentation of the code.
 docs:
-    cargo doc --no-default-features --no-deps --document-private-items --open
+    cargo doc --no-deps --document-private-items --open
 
 # Licences, advisories, sources and duplicates of dependencies (needs cargo-deny).
 deny:
-    cargo deny check
+    cargo deny --workspace check
 
 # What CI runs.
 ci:

@@ -1,4 +1,4 @@
-//! The live view of a run: a process of its own, so that a viewer that hangs or dies cannot touch the run.
+//! The live view of a run. It is a separate process, so a viewer that hangs or dies cannot change the run.
 
 #![allow(clippy::disallowed_methods, reason = "wall time is shown to people; no result holds it")]
 
@@ -6,47 +6,64 @@ use std::{
     fs::{self, File},
     os::unix::process::CommandExt as _,
     path::{Path, PathBuf},
-    process::{Child, Command, Stdio},
-    sync::{Mutex, PoisonError},
+    process::{Child, Stdio},
+    sync::{Mutex, MutexGuard, PoisonError},
     thread::sleep,
     time::{Duration, Instant},
 };
 
-use crate::{run::events::Event, store::LocalStore};
+use super::{
+    exit::Error,
+    sink::Sink,
+    view::{self, ViewTarget},
+    view_program,
+};
+use crate::run::events::Event;
 
-/// How long a finished run waits for its view to write a file.
-const PATIENCE: Duration = Duration::from_secs(20);
+/// How long a finished run waits for its view to complete a file.
+const SAVE_TIMEOUT: Duration = Duration::from_secs(20);
 
-/// Starts `carl-pipe view --follow` when the run begins, and watches whether it lives.
+/// Starts `carl-view --follow` when the run begins, and reports when it dies.
 pub(crate) struct LiveView {
-    sink: String,
-    artifacts: PathBuf,
-    running: Mutex<Option<(Child, PathBuf)>>,
+    program: PathBuf,
+    sink: Sink,
+    /// The folder of all runs.
+    runs: PathBuf,
+    running: Mutex<Option<Running>>,
+}
+
+/// A view that was started.
+struct Running {
+    child: Child,
+    /// Everything that the view prints.
+    log: PathBuf,
 }
 
 impl LiveView {
-    pub(crate) fn new(sink: String, store: &LocalStore) -> Self {
-        Self { sink, artifacts: store.root().to_owned(), running: Mutex::default() }
+    /// Finds the program for a live view. The view starts with the run's first event.
+    ///
+    /// # Errors
+    /// If `carl-view` is missing or has another version.
+    pub(crate) fn new(sink: Sink, runs: PathBuf) -> Result<Self, Error> {
+        Ok(Self { program: view_program::find()?, sink, runs, running: Mutex::default() })
     }
 
-    /// Hears of an event; returns what went wrong with the view, once.
+    /// Takes an event of the run. Returns a warning if the view could not start or has died since the last event.
     pub(crate) fn on_event(&self, event: &Event) -> Option<String> {
         match event {
             Event::RunStarted { run, .. } => self.start(run),
-            Event::NodeStarted { .. } | Event::NodeFinished { .. } | Event::Progress { .. } => self.has_died(),
+            Event::NodeStarted { .. } | Event::NodeFinished { .. } | Event::Progress { .. } => self.check(),
             _ => None,
         }
     }
 
-    /// Starts it in its own process group, out of reach of Ctrl-C; it ends by itself when the run does.
+    /// Starts the view in a process group of its own, where Ctrl-C does not reach it. The view ends when the run ends.
     fn start(&self, run: &str) -> Option<String> {
-        let log = self.artifacts.join("runs").join(run).join("view.log");
+        let run_dir = self.runs.join(run);
+        let log = run_dir.join("view.log");
         let child = File::create(&log).and_then(|out| {
             let errors = out.try_clone()?;
-            // The very program that runs, even if a build has replaced its file.
-            Command::new("/proc/self/exe")
-                .args(["view", "--follow", run, "--rerun", &self.sink, "--artifacts"])
-                .arg(&self.artifacts)
+            view::command(&self.program, &ViewTarget::Follow(run_dir), &self.sink)
                 .stdin(Stdio::null())
                 .stdout(out)
                 .stderr(errors)
@@ -55,19 +72,19 @@ impl LiveView {
         });
         match child {
             Ok(child) => {
-                *self.running.lock().unwrap_or_else(PoisonError::into_inner) = Some((child, log));
+                *self.running() = Some(Running { child, log });
                 None
             }
-            Err(error) => Some(format!("no live view: {error}")),
+            Err(error) => Some(format!("cannot start the live view: {error}; the run goes on")),
         }
     }
 
-    /// Waits a while for a view that writes a file; any other goes on alone.
+    /// Waits a limited time for a view that writes a file. Any other view goes on after the run.
     pub(crate) fn close(&self) -> Option<String> {
         let start = Instant::now();
-        while self.sink.starts_with("save=") && start.elapsed() < PATIENCE {
-            let warning = self.has_died();
-            if warning.is_some() || self.running.lock().unwrap_or_else(PoisonError::into_inner).is_none() {
+        while matches!(self.sink, Sink::Save { .. }) && start.elapsed() < SAVE_TIMEOUT {
+            let warning = self.check();
+            if warning.is_some() || self.running().is_none() {
                 return warning;
             }
             sleep(Duration::from_millis(20));
@@ -75,13 +92,18 @@ impl LiveView {
         None
     }
 
-    fn has_died(&self) -> Option<String> {
-        let mut running = self.running.lock().unwrap_or_else(PoisonError::into_inner);
-        let (child, log) = running.as_mut()?;
+    /// A warning if the view has failed since the last check.
+    fn check(&self) -> Option<String> {
+        let mut running = self.running();
+        let Running { child, log } = running.as_mut()?;
         let status = child.try_wait().ok().flatten()?;
         let why = last_line(log).unwrap_or_else(|| status.to_string());
         *running = None;
         (!status.success()).then(|| format!("the live view ended: {why}; the run goes on"))
+    }
+
+    fn running(&self) -> MutexGuard<'_, Option<Running>> {
+        self.running.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -12,17 +12,24 @@ mod plot;
 mod progress;
 mod replay;
 mod run;
+mod sink;
 mod status;
 mod stop;
 mod summary;
 mod table;
 mod view;
+mod view_program;
 mod why;
 
 use std::{ffi::OsString, path::PathBuf};
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
+pub use self::{
+    sink::Sink,
+    stop::Stop,
+    view::{ViewArgs, ViewTarget},
+};
 use crate::{run::runs, stage::Kind, store::LocalStore};
 use exit::{CODES, Error, Exit, Message};
 use out::Colour;
@@ -100,7 +107,7 @@ enum Verb {
     /// Show what a run made, and where it lies.
     Show(log::ShowArgs),
     /// Open runs and recordings in the Rerun viewer.
-    View(view::Args),
+    View(view::ViewArgs),
     /// Draw learning curves and latent maps of runs, as SVG.
     Plot(plot::Args),
     /// Show what runs reached, as a table of tasks and algorithms.

@@ -9,13 +9,13 @@ use super::{
     live::LiveView,
     out,
     progress::{self, Progress},
+    sink::Sink,
     status,
     stop::Stop,
     summary,
 };
 use crate::{
     pipeline::Graph,
-    record::Sink,
     run::{
         events::{Event, Listener, RunState},
         execute::{self, Failure, Options, Order},
@@ -53,8 +53,8 @@ pub(crate) struct Args {
     #[arg(short, long, value_name = "STAGE", num_args = 0..=1, require_equals = true, default_missing_value = "")]
     force: Vec<String>,
     /// Watch it live: spawn, connect[=URL], serve[=PORT] or save=FILE.
-    #[arg(long, value_name = "SINK", value_parser = sink)]
-    rerun: Option<String>,
+    #[arg(long, value_name = "SINK")]
+    rerun: Option<Sink>,
     /// Events as lines of JSON on standard output; the last line sums up.
     #[arg(long)]
     json: bool,
@@ -71,11 +71,6 @@ fn jobs(text: &str) -> Result<usize, String> {
     }
 }
 
-/// Refuses a sink now rather than in the live view.
-fn sink(text: &str) -> Result<String, String> {
-    text.parse::<Sink>().map(|_| text.to_owned())
-}
-
 /// Runs a pipeline.
 pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Error> {
     let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, global.color, args.json)?;
@@ -89,6 +84,7 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
         status::show(graph, &plan, &mut history, args.json, global);
         return Ok(Exit::Ok);
     }
+    let view = args.rerun.clone().map(|sink| LiveView::new(sink, global.runs())).transpose()?;
     let stop = Stop::listen()?;
     let argv: Vec<String> = argv.iter().map(|word| word.to_string_lossy().into_owned()).collect();
     let order = Order { graph, wanted, text: &loaded.text, argv: argv.clone() };
@@ -98,7 +94,7 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
     let audience = Audience {
         progress: progress::new(args.progress.resolve(args.json, global.quiet), global, stop),
         json: args.json,
-        view: args.rerun.clone().map(|sink| LiveView::new(sink, &store)),
+        view,
     };
     let report = execute::run(&store, &global.runs(), &order, &options, &audience)?;
     if let Some(text) = audience.view.as_ref().and_then(LiveView::close) {

@@ -1,4 +1,4 @@
-//! Ctrl-C: once to stop at the next tick, twice to stop now.
+//! Ctrl-C: the first stops at the next step, the second stops at once.
 
 use std::sync::{
     Arc,
@@ -11,18 +11,21 @@ use signal_hook::{
     flag,
 };
 
-/// What was asked for by signal.
+/// True once a signal has asked the program to stop.
 #[derive(Debug, Clone)]
-pub(crate) struct Stop {
+pub struct Stop {
     pub(crate) flag: Arc<AtomicBool>,
 }
 
 impl Stop {
-    /// Hears signals from now on.
-    pub(crate) fn listen() -> anyhow::Result<Self> {
+    /// Listens for SIGINT, SIGTERM and SIGHUP. A second signal ends the process at once.
+    ///
+    /// # Errors
+    /// If the handlers cannot be installed.
+    pub fn listen() -> anyhow::Result<Self> {
         let stop = Self { flag: Arc::default() };
         for signal in [SIGINT, SIGTERM, SIGHUP] {
-            // The order matters: the second signal finds the flag set by the first and ends the process.
+            // The order matters: a second signal finds the flag that the first one set, and ends the process.
             flag::register_conditional_shutdown(signal, 128 + signal, stop.flag.clone())
                 .and_then(|_| flag::register(signal, stop.flag.clone()))
                 .context("cannot listen for Ctrl-C")?;
@@ -30,7 +33,8 @@ impl Stop {
         Ok(stop)
     }
 
-    pub(crate) fn is_asked(&self) -> bool {
+    /// True if a signal has arrived.
+    pub fn is_asked(&self) -> bool {
         self.flag.load(Ordering::Relaxed)
     }
 }

@@ -1,26 +1,31 @@
 //! `carl-pipe view`: opens runs and recordings in the Rerun viewer, or follows a run while it works.
+//!
+//! `carl-pipe` checks the arguments and then becomes `carl-view`, which takes the same arguments.
 
-use std::path::{Path, PathBuf};
+use std::{
+    os::unix::process::CommandExt as _,
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use anyhow::bail;
 
 use super::{
     Global,
     exit::{Error, Exit},
-    out,
-    stop::Stop,
+    sink::Sink,
+    view_program,
 };
-use crate::{
-    record::{self, Sink, Watcher},
-    run::runs,
-};
+use crate::run::runs;
 
-/// The arguments of `view`.
+/// The arguments of `carl-pipe view`, and of `carl-view`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   carl-pipe view latest                     a finished run
   carl-pipe view latest --follow            a run that still works
   carl-pipe view artifacts/runs/latest/represent@0.mcap
   carl-pipe view latest --rerun save=run.rrd")]
-pub(crate) struct Args {
+pub struct ViewArgs {
     /// Runs (`latest`, an id or its beginning), or files.
     #[arg(value_name = "RUN|FILE", default_value = "latest")]
     what: Vec<String>,
@@ -29,45 +34,52 @@ pub(crate) struct Args {
     follow: bool,
     /// Where to show it: spawn, connect[=URL], serve[=PORT] or save=FILE.
     #[arg(long, value_name = "SINK", default_value = "spawn")]
-    rerun: Sink,
+    pub rerun: Sink,
 }
 
-/// Whoever looks at a run.
-struct Onlooker {
-    stop: Stop,
-    run_dir: PathBuf,
+/// What to show.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ViewTarget {
+    /// The folder of a run, to be followed until the run ends.
+    Follow(PathBuf),
+    /// Folders of runs and recordings, as they are now.
+    Open(Vec<PathBuf>),
 }
 
-impl Watcher for Onlooker {
-    fn stop(&self) -> bool {
-        self.stop.is_asked()
-    }
-
-    fn alive(&self) -> bool {
-        runs::is_alive(&self.run_dir)
-    }
-
-    fn say(&self, text: &str) {
-        out::note(text);
-    }
-}
-
-/// Opens a view.
-pub(crate) fn view(global: &Global, args: &Args) -> Result<Exit, Error> {
-    let all = global.runs();
-    let find = |what: &String| {
-        if Path::new(what).exists() {
-            return Ok(PathBuf::from(what));
+impl ViewArgs {
+    /// The files and folders to show. Runs are found in the store `artifacts`.
+    ///
+    /// # Errors
+    /// If there is no such run or file, or more than one run is to be followed.
+    pub fn target(&self, artifacts: &Path) -> anyhow::Result<ViewTarget> {
+        let runs = artifacts.join("runs");
+        let find = |what: &String| {
+            if Path::new(what).exists() { Ok(PathBuf::from(what)) } else { runs::find(&runs, what) }
+        };
+        let mut paths: Vec<PathBuf> = self.what.iter().map(find).collect::<Result<_, _>>()?;
+        match (self.follow, paths.len()) {
+            (false, _) => Ok(ViewTarget::Open(paths)),
+            (true, 1) => Ok(ViewTarget::Follow(paths.remove(0))),
+            (true, _) => bail!("`--follow` takes one run"),
         }
-        runs::find(&all, what).map_err(|error| Error::usage(error.to_string()))
-    };
-    let paths: Vec<PathBuf> = args.what.iter().map(find).collect::<Result<_, _>>()?;
-    let stop = Stop::listen()?;
-    let onlooker = Onlooker { stop, run_dir: paths[0].clone() };
-    match (args.follow, &paths[..]) {
-        (true, [run_dir]) => record::follow(run_dir, &args.rerun, &onlooker)?,
-        (true, _) => return Err(Error::usage("`--follow` takes one run")),
-        (false, paths) => record::open(paths, &args.rerun, &onlooker)?,
     }
-    Ok(Exit::Ok)
+}
+
+/// The command that shows `target` with `carl-view`.
+pub(crate) fn command(program: &Path, target: &ViewTarget, sink: &Sink) -> Command {
+    let mut command = Command::new(program);
+    command.args(["--rerun", &sink.to_string()]);
+    match target {
+        ViewTarget::Follow(run_dir) => command.arg("--follow").arg("--").arg(run_dir),
+        ViewTarget::Open(paths) => command.arg("--").args(paths),
+    };
+    command
+}
+
+/// Becomes `carl-view`, which then has the terminal, the signals and the exit code of this process.
+pub(crate) fn view(global: &Global, args: &ViewArgs) -> Result<Exit, Error> {
+    let target = args.target(&global.artifacts).map_err(|error| Error::usage(error.to_string()))?;
+    let program = view_program::find()?;
+    let error = command(&program, &target, &args.rerun).exec();
+    Err(Error::new(Exit::Store, format!("cannot start {}: {error}", program.display())))
 }

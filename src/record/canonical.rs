@@ -1,4 +1,4 @@
-//! Turns a live recording into the one file that its messages determine, and digests it.
+//! Rewrites a live recording into its canonical file, whose bytes depend on the messages alone, and hashes both.
 
 use std::{
     collections::BTreeMap,
@@ -8,21 +8,23 @@ use std::{
 };
 
 use anyhow::{Context as _, bail};
-use mcap::records::MessageHeader;
+use mcap::{Writer, records::MessageHeader, write::NoSeek};
 
 use super::{
-    live::mcap_writer,
-    reader::{Polled, Reader},
+    reader::{Channel, Polled, RawMessage, Reader},
+    writer::mcap_writer,
 };
 
-/// What identifies a recording.
+/// The digests of a recording.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Digests {
-    pub messages: [u8; 32],
-    pub file: [u8; 32],
+    /// blake3 of the messages.
+    pub(super) messages: [u8; 32],
+    /// blake3 of the file.
+    pub(super) file: [u8; 32],
 }
 
-/// Writes what `live` holds to `canonical`: chunks end by size alone, never where a clock flushed.
+/// Writes the messages of `live` to `canonical`. Chunks end by size alone, not where the live file was flushed.
 pub(super) fn rewrite(live: &Path, canonical: &Path) -> anyhow::Result<Digests> {
     let mut reader = Reader::open(live)?;
     let mut messages = blake3::Hasher::new();
@@ -32,32 +34,22 @@ pub(super) fn rewrite(live: &Path, canonical: &Path) -> anyhow::Result<Digests> 
     loop {
         match reader.poll()? {
             Polled::Message(message) => {
-                let channel = message.channel;
-                let channel_id = match channel_ids.get(&channel.id) {
+                let channel_id = match channel_ids.get(&message.channel.id) {
                     Some(&id) => id,
                     None => {
-                        let schema = writer.add_schema(&channel.schema, "protobuf", &channel.schema_data)?;
-                        let id = writer.add_channel(schema, &channel.topic, "protobuf", &BTreeMap::new())?;
-                        channel_ids.insert(channel.id, id);
+                        let id = add_channel(&mut writer, message.channel)?;
+                        channel_ids.insert(message.channel.id, id);
                         id
                     }
                 };
-                for part in [channel.topic.as_bytes(), channel.schema.as_bytes(), &channel.schema_data, message.data] {
-                    messages.update(&(part.len() as u64).to_le_bytes());
-                    messages.update(part);
-                }
-                messages.update(&message.log_time.to_le_bytes());
-                let header = MessageHeader {
-                    channel_id,
-                    sequence: message.sequence,
-                    log_time: message.log_time,
-                    publish_time: message.log_time,
-                };
+                hash_message(&mut messages, &message);
+                let (sequence, log_time) = (message.sequence, message.log_time);
+                let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
                 writer.write_to_known_channel(&header, message.data)?;
             }
             Polled::Metadata(metadata) => writer.write_metadata(metadata)?,
             Polled::End => break,
-            Polled::Waiting => bail!("{} does not end", live.display()),
+            Polled::Waiting => bail!("{} has no end", live.display()),
         }
     }
     writer.finish()?;
@@ -66,7 +58,21 @@ pub(super) fn rewrite(live: &Path, canonical: &Path) -> anyhow::Result<Digests> 
     Ok(Digests { messages: messages.finalize().into(), file: output.hasher.finalize().into() })
 }
 
-/// Hashes what it writes.
+fn add_channel<W: Write>(writer: &mut Writer<NoSeek<W>>, channel: &Channel) -> mcap::McapResult<u16> {
+    let schema = writer.add_schema(&channel.schema, "protobuf", &channel.schema_data)?;
+    writer.add_channel(schema, &channel.topic, "protobuf", &BTreeMap::new())
+}
+
+fn hash_message(hasher: &mut blake3::Hasher, message: &RawMessage<'_>) {
+    let channel = message.channel;
+    for part in [channel.topic.as_bytes(), channel.schema.as_bytes(), &channel.schema_data, message.data] {
+        hasher.update(&(part.len() as u64).to_le_bytes());
+        hasher.update(part);
+    }
+    hasher.update(&message.log_time.to_le_bytes());
+}
+
+/// A file that hashes the bytes written to it.
 struct Hashed<W> {
     file: W,
     hasher: blake3::Hasher,

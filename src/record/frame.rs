@@ -1,173 +1,134 @@
-//! What a message says, typed: the one form that every view of a recording consumes.
+//! Typed messages: the form in which every view of a recording gets them, and the forms that a stage records.
 
 use std::sync::Arc;
 
-use anyhow::{Context as _, bail};
-use prost::Message as _;
+use super::time::At;
 
-use super::{At, Level, RawMessage, schema, wire};
-
-/// A message, decoded.
+/// A decoded message.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Message {
-    /// What it is about, such as `/train/lce`.
+    /// The topic, such as `/train/lce`.
     pub topic: String,
-    /// When it was, in logical time.
+    /// The logical time.
     pub at: At,
-    /// What it says.
+    /// The content.
     pub frame: Frame,
 }
 
-/// What a message says.
+/// The content of a message.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Frame {
     /// Named values.
     Scalars {
-        /// One name for each value.
+        /// The name of each value.
         names: Arc<[String]>,
         /// The values.
         values: Vec<f64>,
     },
-    /// Where known states lie in latent space.
+    /// The latents of known states.
     LatentMap {
-        /// True positions as row and column, both in 0..=1.
+        /// True positions of the states as row and column, both in 0..=1.
         positions: Vec<[f32; 2]>,
-        /// Their latents.
+        /// The latents of the states.
         latents: Vec<[f32; 3]>,
-        /// A colour for each true position.
+        /// The colour of each true position: red, green, blue, opacity.
         colours: Vec<[u8; 4]>,
     },
     /// The latents of the goals.
     Goals(Vec<[f32; 3]>),
     /// Circles in true space, each as row, column and radius.
     Obstacles(Vec<[f32; 3]>),
-    /// A grey picture, row by row.
+    /// A grey picture.
     Picture {
-        /// Rows.
+        /// Number of rows.
         height: u32,
-        /// Columns.
+        /// Number of columns.
         width: u32,
-        /// One byte per pixel, 0 black.
+        /// One byte per pixel, row by row; 0 is black.
         grey: Vec<u8>,
     },
-    /// An evaluated episode in true space.
+    /// One evaluated episode in true space.
     Trajectory {
-        /// Which episode of the evaluation.
+        /// Number of the episode within the evaluation.
         episode: u32,
-        /// The states, as row and column.
+        /// The states as row and column.
         path: Vec<[f32; 2]>,
-        /// The goal, likewise.
+        /// The goal as row and column.
         goal: [f32; 2],
-        /// How near the goal counts as reached.
+        /// Distance from the goal within which a state counts as reached.
         radius: f32,
         /// Share of the states within the radius, in percent.
         percent_goal: f64,
     },
-    /// A sentence.
+    /// A text.
     Log {
-        /// How much it matters.
+        /// The severity.
         level: Level,
-        /// The sentence.
+        /// The text.
         text: String,
     },
 }
 
-impl Message {
-    /// Decodes a message of ours; `None` for a message type that is not.
-    ///
-    /// # Errors
-    /// If the message is damaged.
-    pub fn decode(raw: &RawMessage<'_>) -> anyhow::Result<Option<Message>> {
-        let decoded = match raw.channel.schema.as_str() {
-            schema::POINT_CLOUD => cloud(raw.data),
-            schema::RAW_IMAGE => picture(raw.data),
-            schema::LOG => log(raw.data),
-            schema::TRAJECTORY => trajectory(raw.data),
-            name if name.starts_with(schema::SCALARS) => scalars(raw),
-            _ => return Ok(None),
-        };
-        let topic = &raw.channel.topic;
-        let (at, frame) = decoded.with_context(|| format!("cannot decode message {} of `{topic}`", raw.sequence))?;
-        Ok(Some(Message { topic: topic.clone(), at, frame }))
-    }
+/// The severity of a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    /// For somebody who looks for the cause of a problem.
+    Debug,
+    /// For everybody.
+    Info,
+    /// Something looks wrong.
+    Warning,
+    /// Something is wrong.
+    Error,
 }
 
-fn scalars(raw: &RawMessage<'_>) -> anyhow::Result<(At, Frame)> {
-    let head = wire::ScalarsHead::decode(raw.data)?;
-    let names = raw.channel.value_names.clone();
-    let mut values = vec![0.0; names.len()];
-    // Values come last, each a key and eight bytes: that is how the recorder writes them.
-    let width = |number: u32| prost::encoding::key_len(number) + 8;
-    let length = (wire::FIRST_VALUE..).take(values.len()).map(width).sum::<usize>();
-    let Some(start) = raw.data.len().checked_sub(length) else { bail!("the message is too short") };
-    let mut rest = &raw.data[start..];
-    for (number, value) in (wire::FIRST_VALUE..).zip(&mut values) {
-        let (key, wire_type) = prost::encoding::decode_key(&mut rest)?;
-        let (Some((bytes, after)), true, prost::encoding::WireType::SixtyFourBit) =
-            (rest.split_first_chunk::<8>(), key == number, wire_type)
-        else {
-            bail!("value {number} is missing");
-        };
-        *value = f64::from_le_bytes(*bytes);
-        rest = after;
-    }
-    Ok((At::new(head.round, head.epoch, head.step), Frame::Scalars { names, values }))
-}
-
-/// Clouds tell what they are by the values of their points.
-fn cloud(data: &[u8]) -> anyhow::Result<(At, Frame)> {
-    let cloud = wire::PointCloud::decode(data)?;
-    let offset = |name: &str| cloud.fields.iter().find(|field| field.name == name).map(|field| field.offset as usize);
-    let points = || cloud.data.chunks_exact((cloud.point_stride as usize).max(1));
-    let frame = if let (Some(row), Some(col), Some(red)) = (offset("row"), offset("col"), offset("red")) {
-        let mut frames = (Vec::new(), Vec::new(), Vec::new());
-        for point in points() {
-            frames.0.push([float(point, row)?, float(point, col)?]);
-            frames.1.push(xyz(point)?);
-            frames.2.push(*point.get(red..).and_then(<[u8]>::first_chunk).context("a colour is missing")?);
+impl Level {
+    /// The number of `foxglove.Log.Level`.
+    pub(super) fn to_wire(self) -> i32 {
+        match self {
+            Level::Debug => 1,
+            Level::Info => 2,
+            Level::Warning => 3,
+            Level::Error => 4,
         }
-        Frame::LatentMap { positions: frames.0, latents: frames.1, colours: frames.2 }
-    } else if let Some(radius) = offset("radius") {
-        let circle = |point: &[u8]| xyz(point).and_then(|[x, y, _]| Ok([y, x, float(point, radius)?]));
-        Frame::Obstacles(points().map(circle).collect::<anyhow::Result<_>>()?)
-    } else {
-        Frame::Goals(points().map(xyz).collect::<anyhow::Result<_>>()?)
-    };
-    Ok((At::new(cloud.round, cloud.epoch, cloud.step), frame))
-}
-
-fn xyz(point: &[u8]) -> anyhow::Result<[f32; 3]> {
-    Ok([float(point, 0)?, float(point, 4)?, float(point, 8)?])
-}
-
-fn float(point: &[u8], offset: usize) -> anyhow::Result<f32> {
-    let bytes = point.get(offset..).and_then(<[u8]>::first_chunk).context("a coordinate is missing")?;
-    Ok(f32::from_le_bytes(*bytes))
-}
-
-fn picture(data: &[u8]) -> anyhow::Result<(At, Frame)> {
-    let image = wire::RawImage::decode(data)?;
-    let (height, width, grey) = (image.height, image.width, image.data);
-    if image.encoding != "mono8" || u64::from(height) * u64::from(width) != grey.len() as u64 {
-        bail!("the picture is not {height}x{width} grey bytes");
     }
-    Ok((At::new(image.at_round, image.at_epoch, image.at_step), Frame::Picture { height, width, grey }))
+
+    /// The level of a number of `foxglove.Log.Level`. An unknown level counts as [`Level::Info`], a fatal one as
+    /// [`Level::Error`].
+    pub(super) fn from_wire(level: i32) -> Level {
+        match level {
+            1 => Level::Debug,
+            3 => Level::Warning,
+            4.. => Level::Error,
+            _ => Level::Info,
+        }
+    }
 }
 
-fn log(data: &[u8]) -> anyhow::Result<(At, Frame)> {
-    let log = wire::Log::decode(data)?;
-    let frame = Frame::Log { level: Level::from_wire(log.level), text: log.message };
-    Ok((At::new(log.round, log.epoch, log.step), frame))
+/// The latents of known states, as a stage records them.
+#[derive(Debug, Clone, Copy)]
+pub struct MapFrame<'a> {
+    /// True positions as row and column, both in 0..=1. They give the colours.
+    pub positions: &'a [[f32; 2]],
+    /// The latents of the same states. A two-dimensional latent is padded with 0.
+    pub latents: &'a [[f32; 3]],
+    /// The latents of the goals.
+    pub goals: &'a [[f32; 3]],
+    /// How well the map keeps the shape of the true space; higher is better. Recorded as `TOPIC/quality`.
+    pub quality: f64,
 }
 
-fn trajectory(data: &[u8]) -> anyhow::Result<(At, Frame)> {
-    let t = wire::Trajectory::decode(data)?;
-    let frame = Frame::Trajectory {
-        episode: t.episode,
-        path: t.row.iter().zip(&t.col).map(|(&row, &col)| [row, col]).collect(),
-        goal: [t.goal_row, t.goal_col],
-        radius: t.radius,
-        percent_goal: t.percent_goal,
-    };
-    Ok((At::new(t.round, t.epoch, t.step), frame))
+/// One evaluated episode in true space, as a stage records it.
+#[derive(Debug, Clone, Copy)]
+pub struct TrajectoryFrame<'a> {
+    /// Number of the episode within the evaluation.
+    pub episode: u32,
+    /// The states as row (drawn downwards) and column (drawn rightwards).
+    pub path: &'a [[f32; 2]],
+    /// The goal as row and column.
+    pub goal: [f32; 2],
+    /// Distance from the goal within which a state counts as reached.
+    pub radius: f32,
+    /// Share of the states within the radius, in percent.
+    pub percent_goal: f64,
 }

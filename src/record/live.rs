@@ -1,47 +1,23 @@
-//! The MCAP file of a node while it works: whole chunks only, flushed often, so that a reader can follow it.
+//! The MCAP file of a node that works. It is flushed several times a second, so that a view can follow it.
 
-#![allow(
-    clippy::disallowed_methods,
-    reason = "wall time paces flushes and measures the cost of recording; recordings hold logical time only"
-)]
+#![allow(clippy::disallowed_methods, reason = "wall time decides when to flush; recordings hold logical time only")]
 
 use std::{
     collections::BTreeMap,
     fs::File,
-    io::{BufWriter, Write},
+    io::BufWriter,
     path::Path,
     time::{Duration, Instant},
 };
 
-use mcap::{
-    WriteOptions, Writer,
-    records::{MessageHeader, Metadata},
-    write::NoSeek,
-};
+use mcap::{Writer, records::MessageHeader, write::NoSeek};
 
-use super::{recorder::NodeInfo, schema::Schema, time::At};
+use super::{node_info::NodeInfo, schema::Schema, time::At, writer::mcap_writer};
 
-/// A follower sees data this late at most, and a kill loses this much.
-const FLUSH_EVERY: Duration = Duration::from_millis(400);
+/// The longest delay of a follower, and the most that is lost when the process is killed.
+const FLUSH_INTERVAL: Duration = Duration::from_millis(400);
 
-/// Writes MCAP with everything fixed that could make equal messages give other bytes.
-///
-/// Without seeking, a chunk reaches the file whole: a follower never meets a length that is filled in later.
-pub(super) fn mcap_writer<W: Write>(file: W) -> mcap::McapResult<Writer<NoSeek<W>>> {
-    let options = WriteOptions::new()
-        .library("carl-pipe")
-        .profile("")
-        .compression(Some(mcap::Compression::Zstd))
-        .compression_threads(1)
-        .chunk_size(Some(1 << 20))
-        .disable_seeking(true);
-    options.create(NoSeek::new(file))
-}
-
-/// The metadata record of a recording.
-pub(super) const NODE_METADATA: &str = "carl.node";
-
-/// What the messages of a channel look like.
+/// The message type of a channel.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Shape {
     Scalars(Vec<&'static str>),
@@ -55,19 +31,25 @@ struct Channel {
     topic: String,
     shape: Shape,
     id: u16,
+    /// How many messages were written.
     messages: u32,
 }
+
+/// Index of a channel in a live file.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ChannelIndex(usize);
 
 /// A recording that is being written.
 pub(super) struct LiveFile {
     writer: Writer<NoSeek<BufWriter<File>>>,
     channels: Vec<Channel>,
-    /// The encoded message; kept so that recording allocates nothing.
-    pub payload: Vec<u8>,
+    /// The encoded message. The buffer is kept, so that recording scalars allocates nothing.
+    pub(super) payload: Vec<u8>,
     last_flush: Instant,
 }
 
 impl LiveFile {
+    /// Creates the file and its folder, and writes the metadata record.
     pub(super) fn create(path: &Path, node: &NodeInfo) -> mcap::McapResult<LiveFile> {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder)?;
@@ -78,26 +60,26 @@ impl LiveFile {
         Ok(LiveFile { writer, channels: Vec::new(), payload: Vec::new(), last_flush: Instant::now() })
     }
 
-    /// The channel of this topic and shape, made on first use.
+    /// The channel of a topic whose shape `is_same` accepts. It is made on first use.
     pub(super) fn channel(
         &mut self,
         topic: &str,
-        same: impl Fn(&Shape) -> bool,
+        is_same: impl Fn(&Shape) -> bool,
         make: impl FnOnce() -> (Shape, Schema),
-    ) -> mcap::McapResult<usize> {
-        if let Some(index) = self.channels.iter().position(|c| c.topic == topic && same(&c.shape)) {
-            return Ok(index);
+    ) -> mcap::McapResult<ChannelIndex> {
+        if let Some(index) = self.channels.iter().position(|c| c.topic == topic && is_same(&c.shape)) {
+            return Ok(ChannelIndex(index));
         }
         let (shape, schema) = make();
         let schema_id = self.writer.add_schema(&schema.name, "protobuf", &schema.data)?;
         let id = self.writer.add_channel(schema_id, topic, "protobuf", &BTreeMap::new())?;
         self.channels.push(Channel { topic: topic.to_owned(), shape, id, messages: 0 });
-        Ok(self.channels.len() - 1)
+        Ok(ChannelIndex(self.channels.len() - 1))
     }
 
-    /// Writes `payload` as the channel's next message.
-    pub(super) fn write(&mut self, channel: usize, at: At) -> mcap::McapResult<()> {
-        let channel = &mut self.channels[channel];
+    /// Writes `payload` as the next message of a channel.
+    pub(super) fn write(&mut self, ChannelIndex(index): ChannelIndex, at: At) -> mcap::McapResult<()> {
+        let channel = &mut self.channels[index];
         let time = at.log_time();
         let header =
             MessageHeader { channel_id: channel.id, sequence: channel.messages, log_time: time, publish_time: time };
@@ -105,37 +87,17 @@ impl LiveFile {
         self.writer.write_to_known_channel(&header, &self.payload)
     }
 
+    /// Flushes if the last flush is long enough ago.
     pub(super) fn flush_if_due(&mut self, now: Instant) -> mcap::McapResult<()> {
-        if now.duration_since(self.last_flush) < FLUSH_EVERY {
+        if now.duration_since(self.last_flush) < FLUSH_INTERVAL {
             return Ok(());
         }
         self.last_flush = now;
-        self.writer.flush()
+        self.flush()
     }
 
+    /// Ends the present chunk and writes everything to the file.
     pub(super) fn flush(&mut self) -> mcap::McapResult<()> {
         self.writer.flush()
-    }
-}
-
-impl NodeInfo {
-    fn to_metadata(&self) -> Metadata {
-        let NodeInfo { node, kind, key, round } = self;
-        let pairs =
-            [("node", node.clone()), ("kind", kind.clone()), ("key", key.clone()), ("round", round.to_string())];
-        Metadata {
-            name: NODE_METADATA.to_owned(),
-            metadata: pairs.map(|(name, value)| (name.to_owned(), value)).into(),
-        }
-    }
-
-    pub(super) fn from_metadata(metadata: &Metadata) -> Option<NodeInfo> {
-        let value = |name: &str| metadata.metadata.get(name).cloned().unwrap_or_default();
-        (metadata.name == NODE_METADATA).then(|| NodeInfo {
-            node: value("node"),
-            kind: value("kind"),
-            key: value("key"),
-            round: value("round").parse().unwrap_or(0),
-        })
     }
 }

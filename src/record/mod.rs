@@ -1,28 +1,26 @@
-//! What a node did while it worked: an MCAP recording, and the Rerun view of it.
+//! Recordings: one MCAP file for every node, with its curves, pictures, maps, episodes and log.
 //!
-//! A stage sees only the [`Recorder`]. The MCAP file it leaves is the record; every picture of it, live or next month,
-//! comes from reading that file, so both look the same. Nothing here can fail or change a run.
+//! A stage writes to the [`Recorder`]. Every view reads the file that the recorder leaves, so a live view and a later
+//! one look the same. A recording never fails a run and never changes a result.
 
 mod canonical;
-mod events;
-mod follow;
+mod colour;
+mod decode;
+mod descriptor;
+mod encode;
 mod frame;
 mod live;
-mod playback;
+mod node_info;
 mod reader;
 mod recorder;
 mod schema;
-mod screen;
-mod sink;
-mod story;
 mod time;
 pub mod topic;
 mod wire;
+mod writer;
 
-pub use follow::{follow, follow_on, open, open_on};
-pub use frame::{Frame, Message};
+pub use frame::{Frame, Level, MapFrame, Message, TrajectoryFrame};
+pub use node_info::NodeInfo;
 pub use reader::{Channel, Polled, RawMessage, Reader};
-pub use recorder::{Finished, Level, MapFrame, NodeInfo, Recorder, TrajectoryFrame};
-pub use screen::{Place, Screen, Watcher};
-pub use sink::Sink;
+pub use recorder::{Finished, Recorder};
 pub use time::At;

@@ -1,6 +1,6 @@
-//! Reads a recording message by message, whether it is finished, still growing or cut short.
+//! Reads a recording message by message. The recording may be finished, still growing, or cut short.
 
-use std::{collections::BTreeMap, fs::File, io::Read as _, path::Path};
+use std::{collections::BTreeMap, fs::File, io::Read as _, path::Path, sync::Arc};
 
 use anyhow::Context as _;
 use mcap::{
@@ -9,35 +9,35 @@ use mcap::{
     sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
-use super::{recorder::NodeInfo, schema};
+use super::{node_info::NodeInfo, schema};
 
-/// A chunk or message above this is taken for damage, not read into memory.
+/// A chunk or message that claims to be larger is damaged. It is not read into memory.
 const LARGEST_RECORD: usize = 256 << 20;
 const READ_SIZE: usize = 64 << 10;
-/// A damaged length must not reserve what the file cannot hold.
+/// The most memory that is reserved at once, since a damaged length may claim more than the file holds.
 const LARGEST_READ: usize = 1 << 20;
 
-/// A topic of a recording and how its messages are encoded.
+/// A topic of a recording and the encoding of its messages.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Channel {
-    /// Its number within the file.
+    /// Number of the channel within the file.
     pub id: u16,
-    /// What the messages are about, such as `/train/lce`.
+    /// The topic, such as `/train/lce`.
     pub topic: String,
     /// Full name of the message type.
     pub schema: String,
-    /// The type's descriptor set.
+    /// Encoded descriptor set of the message type.
     pub schema_data: Vec<u8>,
-    /// The names of its values, where it holds scalars.
-    pub value_names: std::sync::Arc<[String]>,
+    /// The names of the values; empty if the messages are not scalars.
+    pub value_names: Arc<[String]>,
 }
 
-/// A message as it lies in the file.
+/// An encoded message.
 #[derive(Debug, Clone, Copy)]
 pub struct RawMessage<'a> {
-    /// Where it was sent.
+    /// The channel of the message.
     pub channel: &'a Channel,
-    /// Its number within the channel.
+    /// Number of the message within its channel.
     pub sequence: u32,
     /// Logical time in nanoseconds.
     pub log_time: u64,
@@ -45,19 +45,20 @@ pub struct RawMessage<'a> {
     pub data: &'a [u8],
 }
 
-/// What the file holds next.
+/// The next item of a recording.
 #[derive(Debug)]
 pub enum Polled<'a> {
     /// A message.
     Message(RawMessage<'a>),
     /// A metadata record.
     Metadata(&'a Metadata),
-    /// The file stops here without being finished: it may grow, or was cut short.
+    /// The file stops here, but it is not finished. It may grow, or it was cut short.
     Waiting,
     /// The file is finished.
     End,
 }
 
+/// A record that [`Reader::poll`] returns. Its content lies in the reader.
 enum Found {
     Message { channel: u16, sequence: u32, log_time: u64 },
     Metadata,
@@ -67,21 +68,17 @@ enum Found {
 pub struct Reader {
     file: File,
     mcap: LinearReader,
-    schemas: BTreeMap<u16, (String, Vec<u8>)>,
-    channels: BTreeMap<u16, Channel>,
-    payload: Vec<u8>,
-    metadata: Metadata,
-    node: Option<NodeInfo>,
+    contents: Contents,
 }
 
 impl std::fmt::Debug for Reader {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Reader").field("file", &self.file).field("node", &self.node).finish_non_exhaustive()
+        f.debug_struct("Reader").field("file", &self.file).field("node", &self.contents.node).finish_non_exhaustive()
     }
 }
 
 impl Reader {
-    /// Opens a recording; nothing is read yet.
+    /// Opens a recording. Reads nothing yet.
     ///
     /// # Errors
     /// If the file cannot be opened.
@@ -89,30 +86,22 @@ impl Reader {
         let file = File::open(path).with_context(|| format!("cannot open {}", path.display()))?;
         let options =
             LinearReaderOptions::default().with_validate_chunk_crcs(true).with_record_length_limit(LARGEST_RECORD);
-        Ok(Reader {
-            file,
-            mcap: LinearReader::new_with_options(options),
-            schemas: BTreeMap::new(),
-            channels: BTreeMap::new(),
-            payload: Vec::new(),
-            metadata: Metadata { name: String::new(), metadata: BTreeMap::new() },
-            node: None,
-        })
+        Ok(Reader { file, mcap: LinearReader::new_with_options(options), contents: Contents::new() })
     }
 
-    /// Whose recording it is, once its first record was read.
+    /// The node that made the recording. Known once the first record was read.
     pub fn node(&self) -> Option<&NodeInfo> {
-        self.node.as_ref()
+        self.contents.node.as_ref()
     }
 
-    /// Reads on. After [`Polled::Waiting`] it may be called again, to see whether the file grew.
+    /// Reads the next item. After [`Polled::Waiting`], a later call may find that the file has grown.
     ///
     /// # Errors
-    /// If the file cannot be read or is damaged; what came before is good.
+    /// If the file cannot be read or is damaged. Earlier items are valid.
     pub fn poll(&mut self) -> anyhow::Result<Polled<'_>> {
         loop {
             let Some(event) = self.mcap.next_event() else { return Ok(Polled::End) };
-            let record = match event? {
+            let found = match event? {
                 LinearReadEvent::ReadRequest(wanted) => {
                     let space = self.mcap.insert(wanted.clamp(READ_SIZE, LARGEST_READ));
                     let read = self.file.read(space)?;
@@ -120,39 +109,68 @@ impl Reader {
                         return Ok(Polled::Waiting);
                     }
                     self.mcap.notify_read(read);
-                    continue;
+                    None
                 }
-                LinearReadEvent::Record { opcode, data } => parse_record(opcode, data)?,
+                LinearReadEvent::Record { opcode, data } => self.contents.take(parse_record(opcode, data)?),
             };
-            match record {
-                Record::Schema { header, data } => {
-                    self.schemas.insert(header.id, (header.name, data.into_owned()));
-                }
-                Record::Channel(channel) => {
-                    let (schema, schema_data) = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
-                    let is_scalars = schema.starts_with(schema::SCALARS);
-                    let names = if is_scalars { schema::value_names(&schema_data) } else { None };
-                    let value_names = names.unwrap_or_default().into();
-                    let channel = Channel { id: channel.id, topic: channel.topic, schema, schema_data, value_names };
-                    self.channels.insert(channel.id, channel);
-                }
-                Record::Message { header, data } if self.channels.contains_key(&header.channel_id) => {
-                    self.payload.clear();
-                    self.payload.extend_from_slice(&data);
-                    let (channel, sequence, log_time) = (header.channel_id, header.sequence, header.log_time);
-                    return Ok(self.found(Found::Message { channel, sequence, log_time }));
-                }
-                Record::Metadata(metadata) => {
-                    self.node = NodeInfo::from_metadata(&metadata).or(self.node.take());
-                    self.metadata = metadata;
-                    return Ok(self.found(Found::Metadata));
-                }
-                _ => {}
+            if let Some(found) = found {
+                return Ok(self.contents.item(found));
             }
         }
     }
+}
 
-    fn found(&self, found: Found) -> Polled<'_> {
+/// What was read so far: the channels, and the latest message and metadata record.
+struct Contents {
+    schemas: BTreeMap<u16, (String, Vec<u8>)>,
+    channels: BTreeMap<u16, Channel>,
+    payload: Vec<u8>,
+    metadata: Metadata,
+    node: Option<NodeInfo>,
+}
+
+impl Contents {
+    fn new() -> Contents {
+        Contents {
+            schemas: BTreeMap::new(),
+            channels: BTreeMap::new(),
+            payload: Vec::new(),
+            metadata: Metadata { name: String::new(), metadata: BTreeMap::new() },
+            node: None,
+        }
+    }
+
+    /// Keeps the content of a record. Returns where it lies if it is an item for the caller.
+    fn take(&mut self, record: Record<'_>) -> Option<Found> {
+        match record {
+            Record::Schema { header, data } => {
+                self.schemas.insert(header.id, (header.name, data.into_owned()));
+            }
+            Record::Channel(channel) => {
+                let (schema, schema_data) = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
+                let is_scalars = schema.starts_with(schema::SCALARS);
+                let names = if is_scalars { schema::value_names(&schema_data) } else { None };
+                let value_names = names.unwrap_or_default().into();
+                let channel = Channel { id: channel.id, topic: channel.topic, schema, schema_data, value_names };
+                self.channels.insert(channel.id, channel);
+            }
+            Record::Message { header, data } if self.channels.contains_key(&header.channel_id) => {
+                self.payload.clear();
+                self.payload.extend_from_slice(&data);
+                let (channel, sequence, log_time) = (header.channel_id, header.sequence, header.log_time);
+                return Some(Found::Message { channel, sequence, log_time });
+            }
+            Record::Metadata(metadata) => {
+                self.node = NodeInfo::from_metadata(&metadata).or(self.node.take());
+                self.metadata = metadata;
+                return Some(Found::Metadata);
+            }
+            _ => {}
+        }
+        None
+    }
+
+    fn item(&self, found: Found) -> Polled<'_> {
         match found {
             Found::Message { channel, sequence, log_time } => {
                 let channel = &self.channels[&channel];

@@ -1,6 +1,6 @@
-//! The recorder that stages write to: it never fails, never panics and never changes a run.
+//! The recorder that stages write to. It never fails a stage, never panics and never changes a result.
 //!
-//! The first error turns it off and leaves one warning, which the engine takes.
+//! The first error turns the recorder off and leaves one warning for the run.
 
 #![allow(
     clippy::disallowed_methods,
@@ -12,74 +12,16 @@ use std::{
     time::{Duration, Instant},
 };
 
-use prost::{
-    Message as _,
-    encoding::{WireType, encode_key},
-};
-
 use super::{
-    canonical,
-    live::{LiveFile, Shape},
-    schema,
+    canonical::{self, Digests},
+    encode::Encoder,
+    frame::{Level, MapFrame, TrajectoryFrame},
+    live::LiveFile,
+    node_info::NodeInfo,
     time::At,
-    wire,
 };
 
-/// Whose recording it is.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct NodeInfo {
-    /// The node's name, such as `represent@0`.
-    pub node: String,
-    /// Its stage kind.
-    pub kind: String,
-    /// Its key.
-    pub key: String,
-    /// The round of the loop; 0 outside of one.
-    pub round: u32,
-}
-
-/// How much a sentence matters.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Level {
-    /// For whoever looks for the cause of something.
-    Debug,
-    /// For everybody.
-    Info,
-    /// Something looks wrong.
-    Warning,
-    /// Something is wrong.
-    Error,
-}
-
-/// Where known states lie in latent space.
-#[derive(Debug, Clone, Copy)]
-pub struct MapFrame<'a> {
-    /// True positions as row and column, both in 0..=1: they give the colours.
-    pub positions: &'a [[f32; 2]],
-    /// The latents of the same states; two-dimensional ones padded with 0.
-    pub latents: &'a [[f32; 3]],
-    /// The latents of the goals.
-    pub goals: &'a [[f32; 3]],
-    /// How well the map keeps the shape of the true space, higher is better; recorded as `TOPIC/quality`.
-    pub quality: f64,
-}
-
-/// One episode of an evaluation in true space.
-#[derive(Debug, Clone, Copy)]
-pub struct TrajectoryFrame<'a> {
-    /// Which episode of the evaluation.
-    pub episode: u32,
-    /// The states, as row (drawn downwards) and column (drawn rightwards).
-    pub path: &'a [[f32; 2]],
-    /// The goal, likewise.
-    pub goal: [f32; 2],
-    /// How near the goal counts as reached.
-    pub radius: f32,
-    /// Share of the states within the radius, in percent.
-    pub percent_goal: f64,
-}
-
-/// Writes a node's recording.
+/// Writes the recording of one node.
 #[derive(Default)]
 pub struct Recorder {
     open: Option<Box<Open>>,
@@ -87,26 +29,24 @@ pub struct Recorder {
     spent: Duration,
 }
 
+/// A recording that is being written.
 struct Open {
     path: PathBuf,
-    kind: String,
-    file: LiveFile,
-    /// Reused from map to map.
-    cloud: wire::PointCloud,
+    encoder: Encoder,
 }
 
-/// What is left of a recorder when its node has finished.
+/// The recording of a node that has finished.
 #[derive(Debug)]
 pub struct Finished {
-    /// blake3 over the messages alone (topic, schema, time, payload, in order).
+    /// blake3 of the messages: topic, schema, time and payload of each, in order.
     pub messages_digest: Option<[u8; 32]>,
-    /// blake3 over the bytes of the file.
+    /// blake3 of the file.
     pub file_digest: Option<[u8; 32]>,
-    /// The canonical file; none if recording was off or failed.
+    /// The canonical file; `None` if recording was off or failed.
     pub path: Option<PathBuf>,
     /// Time spent on recording.
     pub spent: Duration,
-    /// What went wrong, if something did.
+    /// What went wrong, if anything did.
     pub warning: Option<String>,
 }
 
@@ -118,7 +58,7 @@ impl std::fmt::Debug for Recorder {
 }
 
 impl Recorder {
-    /// Records nothing.
+    /// A recorder that records nothing.
     pub fn off() -> Recorder {
         Recorder::default()
     }
@@ -129,8 +69,8 @@ impl Recorder {
         let mut recorder = Recorder::off();
         match LiveFile::create(path, node) {
             Ok(file) => {
-                let (path, kind) = (path.to_owned(), node.kind.clone());
-                recorder.open = Some(Box::new(Open { path, kind, file, cloud: wire::PointCloud::default() }));
+                let encoder = Encoder::new(file, node.kind.clone());
+                recorder.open = Some(Box::new(Open { path: path.to_owned(), encoder }));
             }
             Err(error) => recorder.fail(path, &error),
         }
@@ -138,163 +78,78 @@ impl Recorder {
         recorder
     }
 
-    /// Named values at one time, such as the terms of a loss. Names are protobuf field names: letters, digits and `_`.
+    /// Records named values, such as the terms of a loss. Names are protobuf field names: letters, digits and `_`.
     pub fn scalars(&mut self, topic: &str, at: At, values: &[(&'static str, f64)]) {
-        self.record(|open| {
-            let same = |shape: &Shape| match shape {
-                Shape::Scalars(names) => names.iter().eq(values.iter().map(|(name, _)| name)),
-                _ => false,
-            };
-            let channel = open.file.channel(topic, same, || {
-                let names: Vec<_> = values.iter().map(|&(name, _)| name).collect();
-                let schema = schema::scalars(topic, &names);
-                (Shape::Scalars(names), schema)
-            })?;
-            let payload = &mut open.file.payload;
-            payload.clear();
-            let At { round, epoch, step } = at;
-            let head = wire::ScalarsHead { timestamp: Some(at.timestamp()), round, epoch, step };
-            head.encode(payload)?;
-            for (number, (_, value)) in (wire::FIRST_VALUE..).zip(values) {
-                encode_key(number, WireType::SixtyFourBit, payload);
-                payload.extend_from_slice(&value.to_le_bytes());
-            }
-            Ok(open.file.write(channel, at)?)
-        });
+        self.record(|encoder| encoder.scalars(topic, at, values));
     }
 
-    /// Where known states and the goals lie in latent space: three topics, `TOPIC`, `TOPIC/goals` and `TOPIC/quality`.
+    /// Records the latents of known states and of the goals, on three topics: `TOPIC`, `TOPIC/goals` and
+    /// `TOPIC/quality`.
     pub fn latent_map(&mut self, topic: &str, at: At, map: &MapFrame<'_>) {
-        self.record(|open| {
-            let points = map.latents.iter().zip(map.positions);
-            open.cloud(topic, at, &LATENT_FIELDS, points, |(latent, position), data| {
-                put_floats(data, latent);
-                data.extend_from_slice(&colour(*position));
-                put_floats(data, position);
-            })?;
-            open.cloud(&format!("{topic}/goals"), at, &LATENT_FIELDS[..7], map.goals.iter(), |goal, data| {
-                put_floats(data, goal);
-                data.extend_from_slice(&GOAL_COLOUR);
-            })
-        });
+        self.record(|encoder| encoder.latent_map(topic, at, map));
         self.scalars(&format!("{topic}/quality"), at, &[("quality", map.quality)]);
     }
 
-    /// The obstacles of the true space, each as row, column and radius.
+    /// Records the obstacles of the true space; each is row, column and radius.
     pub fn obstacles(&mut self, topic: &str, at: At, circles: &[[f32; 3]]) {
-        self.record(|open| {
-            open.cloud(topic, at, &OBSTACLE_FIELDS, circles.iter(), |&[row, col, radius], data| {
-                put_floats(data, &[col, row, 0.0, radius]);
-            })
-        });
+        self.record(|encoder| encoder.obstacles(topic, at, circles));
     }
 
-    /// A grey picture, row by row, 0 black.
+    /// Records a grey picture, row by row; 0 is black.
     pub fn picture(&mut self, topic: &str, at: At, height: u32, width: u32, grey: &[u8]) {
         if u64::from(height) * u64::from(width) != grey.len() as u64 {
-            let sentence = format!("picture `{topic}` has {} bytes, which is not {height}x{width}", grey.len());
-            self.warning.get_or_insert(sentence);
+            let warning = format!("picture `{topic}` has {} bytes, which is not {height}x{width}", grey.len());
+            self.warning.get_or_insert(warning);
             return;
         }
-        self.record(|open| {
-            let channel = open.file.channel(topic, |s| *s == Shape::Image, || (Shape::Image, schema::raw_image()))?;
-            let image = wire::RawImage {
-                timestamp: Some(at.timestamp()),
-                width,
-                height,
-                encoding: "mono8".to_owned(),
-                step: width,
-                data: grey.to_vec(),
-                frame_id: ROOT_FRAME.to_owned(),
-                at_round: at.round,
-                at_epoch: at.epoch,
-                at_step: at.step,
-            };
-            open.write_message(channel, at, &image)
-        });
+        self.record(|encoder| encoder.picture(topic, at, height, width, grey));
     }
 
-    /// One evaluated episode in true space.
+    /// Records one evaluated episode in true space.
     pub fn trajectory(&mut self, topic: &str, at: At, episode: &TrajectoryFrame<'_>) {
-        self.record(|open| {
-            let make = || (Shape::Trajectory, schema::trajectory());
-            let channel = open.file.channel(topic, |s| *s == Shape::Trajectory, make)?;
-            let trajectory = wire::Trajectory {
-                timestamp: Some(at.timestamp()),
-                round: at.round,
-                epoch: at.epoch,
-                step: at.step,
-                episode: episode.episode,
-                row: episode.path.iter().map(|state| state[0]).collect(),
-                col: episode.path.iter().map(|state| state[1]).collect(),
-                goal_row: episode.goal[0],
-                goal_col: episode.goal[1],
-                radius: episode.radius,
-                percent_goal: episode.percent_goal,
-            };
-            open.write_message(channel, at, &trajectory)
-        });
+        self.record(|encoder| encoder.trajectory(topic, at, episode));
     }
 
-    /// A sentence, on the topic `/log`.
+    /// Records a text on the topic `/log`.
     pub fn log(&mut self, at: At, level: Level, text: &str) {
-        self.record(|open| {
-            let channel = open.file.channel("/log", |s| *s == Shape::Log, || (Shape::Log, schema::log()))?;
-            let log = wire::Log {
-                timestamp: Some(at.timestamp()),
-                level: level.to_wire(),
-                message: text.to_owned(),
-                name: open.kind.clone(),
-                round: at.round,
-                epoch: at.epoch,
-                step: at.step,
-            };
-            open.write_message(channel, at, &log)
-        });
+        self.record(|encoder| encoder.log(at, level, text));
     }
 
-    /// Time spent inside the recorder so far.
+    /// Time spent in the recorder so far.
     pub fn spent(&self) -> Duration {
         self.spent
     }
 
-    /// What went wrong, once.
+    /// The warning, if there is one that was not taken yet.
     pub fn take_warning(&mut self) -> Option<String> {
         self.warning.take()
     }
 
-    /// Rewrites the live file to `canonical`, the same bytes for the same messages whenever they were flushed, and
-    /// removes the live file.
+    /// Rewrites the live file to `canonical` and removes the live file. Equal messages give equal bytes, whenever the
+    /// live file was flushed.
     pub fn finish(mut self, canonical: &Path) -> Finished {
         let started = Instant::now();
-        let mut written = None;
-        if let Some(mut open) = self.open.take() {
-            let live = open.path.clone();
-            let flushed = open.file.flush().map_err(anyhow::Error::new);
-            drop(open);
-            match flushed.and_then(|()| canonical::rewrite(&live, canonical)) {
-                Ok(digests) => {
-                    written = Some(digests);
-                    // A live file that cannot be removed is read by nobody.
-                    let _ = std::fs::remove_file(&live);
-                }
-                Err(error) => self.fail(canonical, &*error),
+        let digests = self.open.take().and_then(|open| match open.finish(canonical) {
+            Ok(digests) => Some(digests),
+            Err(error) => {
+                self.fail(canonical, &*error);
+                None
             }
-        }
+        });
         Finished {
-            path: written.map(|_| canonical.to_owned()),
-            messages_digest: written.map(|digests| digests.messages),
-            file_digest: written.map(|digests| digests.file),
+            path: digests.map(|_| canonical.to_owned()),
+            messages_digest: digests.map(|digests| digests.messages),
+            file_digest: digests.map(|digests| digests.file),
             spent: self.spent + started.elapsed(),
             warning: self.warning,
         }
     }
 
-    /// Runs one recording call; its error is the last.
-    fn record(&mut self, call: impl FnOnce(&mut Open) -> anyhow::Result<()>) {
+    /// Writes one message. An error turns the recorder off.
+    fn record(&mut self, write: impl FnOnce(&mut Encoder) -> anyhow::Result<()>) {
         let Some(open) = &mut self.open else { return };
         let started = Instant::now();
-        let outcome = call(open).and_then(|()| Ok(open.file.flush_if_due(started)?));
+        let outcome = write(&mut open.encoder).and_then(|()| Ok(open.encoder.file.flush_if_due(started)?));
         if let Err(error) = outcome
             && let Some(open) = self.open.take()
         {
@@ -304,99 +159,18 @@ impl Recorder {
     }
 
     fn fail(&mut self, path: &Path, error: &(dyn std::error::Error + 'static)) {
-        let sentence = format!("cannot record to {}: {error}; the run goes on without this recording", path.display());
-        self.warning.get_or_insert(sentence);
+        let warning = format!("cannot record to {}: {error}; the run goes on without this recording", path.display());
+        self.warning.get_or_insert(warning);
     }
 }
-
-/// The frame that Rerun draws without being told where it lies; Foxglove takes any.
-const ROOT_FRAME: &str = "tf#/";
-const GOAL_COLOUR: [u8; 4] = [255, 255, 255, 255];
-
-type Fields = [(&'static str, i32)];
-const LATENT_FIELDS: [(&str, i32); 9] = [
-    ("x", wire::FLOAT32),
-    ("y", wire::FLOAT32),
-    ("z", wire::FLOAT32),
-    ("red", wire::UINT8),
-    ("green", wire::UINT8),
-    ("blue", wire::UINT8),
-    ("alpha", wire::UINT8),
-    ("row", wire::FLOAT32),
-    ("col", wire::FLOAT32),
-];
-const OBSTACLE_FIELDS: [(&str, i32); 4] =
-    [("x", wire::FLOAT32), ("y", wire::FLOAT32), ("z", wire::FLOAT32), ("radius", wire::FLOAT32)];
 
 impl Open {
-    fn cloud<P>(
-        &mut self,
-        topic: &str,
-        at: At,
-        fields: &'static Fields,
-        points: impl Iterator<Item = P>,
-        put: impl Fn(P, &mut Vec<u8>),
-    ) -> anyhow::Result<()> {
-        let channel = self.file.channel(topic, |s| *s == Shape::Cloud, || (Shape::Cloud, schema::point_cloud()))?;
-        let cloud = &mut self.cloud;
-        cloud.timestamp = Some(at.timestamp());
-        ROOT_FRAME.clone_into(&mut cloud.frame_id);
-        cloud.pose = Some(wire::NO_POSE);
-        (cloud.round, cloud.epoch, cloud.step) = (at.round, at.epoch, at.step);
-        cloud.point_stride = 0;
-        cloud.fields.clear();
-        for &(name, r#type) in fields {
-            let name = name.to_owned();
-            cloud.fields.push(wire::PackedElementField { name, offset: cloud.point_stride, r#type });
-            cloud.point_stride += if r#type == wire::UINT8 { 1 } else { 4 };
-        }
-        cloud.data.clear();
-        points.for_each(|point| put(point, &mut cloud.data));
-        self.file.payload.clear();
-        self.cloud.encode(&mut self.file.payload)?;
-        Ok(self.file.write(channel, at)?)
-    }
-
-    fn write_message(&mut self, channel: usize, at: At, message: &impl prost::Message) -> anyhow::Result<()> {
-        self.file.payload.clear();
-        message.encode(&mut self.file.payload)?;
-        Ok(self.file.write(channel, at)?)
-    }
-}
-
-fn put_floats(data: &mut Vec<u8>, values: &[f32]) {
-    values.iter().for_each(|value| data.extend_from_slice(&value.to_le_bytes()));
-}
-
-/// The colour of a true position: each corner of the space has one, and they blend in between.
-fn colour([row, col]: [f32; 2]) -> [u8; 4] {
-    const CORNERS: [[[f32; 3]; 2]; 2] =
-        [[[58.0, 76.0, 192.0], [220.0, 70.0, 140.0]], [[30.0, 170.0, 140.0], [250.0, 200.0, 60.0]]];
-    let (down, right) = (row.clamp(0.0, 1.0), col.clamp(0.0, 1.0));
-    let mut rgba = [255; 4];
-    for (channel, value) in rgba.iter_mut().take(3).enumerate() {
-        let [top, bottom] = CORNERS.map(|[left, other]| left[channel] + (other[channel] - left[channel]) * right);
-        *value = (top + (bottom - top) * down) as u8;
-    }
-    rgba
-}
-
-impl Level {
-    fn to_wire(self) -> i32 {
-        match self {
-            Level::Debug => 1,
-            Level::Info => 2,
-            Level::Warning => 3,
-            Level::Error => 4,
-        }
-    }
-
-    pub(super) fn from_wire(level: i32) -> Level {
-        match level {
-            1 => Level::Debug,
-            3 => Level::Warning,
-            4.. => Level::Error,
-            _ => Level::Info,
-        }
+    fn finish(mut self, canonical: &Path) -> anyhow::Result<Digests> {
+        self.encoder.file.flush()?;
+        drop(self.encoder);
+        let digests = canonical::rewrite(&self.path, canonical)?;
+        // If the live file cannot be removed, it stays. Nothing reads it again.
+        let _ = std::fs::remove_file(&self.path);
+        Ok(digests)
     }
 }

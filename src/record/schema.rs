@@ -1,33 +1,36 @@
-//! Protobuf schemas as MCAP carries them: complete descriptor sets, so that every reader decodes without us.
+//! The protobuf schemas that a recording carries. Each is a complete descriptor set, so that any reader can decode the
+//! messages without this program.
 
 use prost::Message as _;
 use prost_types::{
-    DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto, FileDescriptorProto,
-    FileDescriptorSet,
-    field_descriptor_proto::{Label, Type},
+    DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, field_descriptor_proto::Type,
 };
 
-use super::wire::FIRST_VALUE;
+use super::{
+    descriptor::{
+        TIMESTAMP, at_fields, descriptor_set, field, message, names, of_enum, of_message, packed_element_field, pose,
+        quaternion, repeated, vector3,
+    },
+    wire::FIRST_VALUE,
+};
 
-/// A message type and the descriptors of everything it is made of.
+/// A message type, with the descriptors of all types that it uses.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Schema {
     /// Full name, such as `foxglove.PointCloud`.
-    pub name: String,
+    pub(super) name: String,
     /// An encoded `FileDescriptorSet`, imports first.
-    pub data: Vec<u8>,
+    pub(super) data: Vec<u8>,
 }
 
 pub(super) const POINT_CLOUD: &str = "foxglove.PointCloud";
 pub(super) const RAW_IMAGE: &str = "foxglove.RawImage";
 pub(super) const LOG: &str = "foxglove.Log";
 pub(super) const TRAJECTORY: &str = "carl.Trajectory";
-/// Packages `carl.scalars.*` hold one message per topic.
+/// The package of scalars messages; each topic has a message type in it.
 pub(super) const SCALARS: &str = "carl.scalars.";
 
-const TIMESTAMP: &str = ".google.protobuf.Timestamp";
-
-/// Points with named values each.
+/// A cloud of points with named values.
 pub(super) fn point_cloud() -> Schema {
     let mut cloud = message("PointCloud");
     cloud.field = vec![
@@ -40,7 +43,7 @@ pub(super) fn point_cloud() -> Schema {
     ];
     cloud.field.extend(at_fields(["round", "epoch", "step"], 1001));
     let imports = [vector3(), quaternion(), pose(), packed_element_field()];
-    set(POINT_CLOUD, cloud, imports, &["foxglove/Pose.proto", "foxglove/PackedElementField.proto"])
+    schema(POINT_CLOUD, cloud, imports, &["foxglove/Pose.proto", "foxglove/PackedElementField.proto"])
 }
 
 /// A grey picture.
@@ -55,12 +58,12 @@ pub(super) fn raw_image() -> Schema {
         field("data", 6, Type::Bytes),
         field("frame_id", 7, Type::String),
     ];
-    // An image's `step` is the length of a row.
+    // The field name `step` is taken: it is the length of a row.
     image.field.extend(at_fields(["at_round", "at_epoch", "at_step"], 1001));
-    set(RAW_IMAGE, image, [], &[])
+    schema(RAW_IMAGE, image, [], &[])
 }
 
-/// A sentence with a level.
+/// A text with a level.
 pub(super) fn log() -> Schema {
     let mut log = message("Log");
     log.enum_type = vec![names("Level", &["UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL"])];
@@ -73,10 +76,10 @@ pub(super) fn log() -> Schema {
         field("line", 6, Type::Fixed32),
     ];
     log.field.extend(at_fields(["round", "epoch", "step"], 1001));
-    set(LOG, log, [], &[])
+    schema(LOG, log, [], &[])
 }
 
-/// One episode in true space.
+/// One evaluated episode in true space.
 pub(super) fn trajectory() -> Schema {
     let mut trajectory = message("Trajectory");
     trajectory.field = vec![of_message("timestamp", 1, TIMESTAMP)];
@@ -90,10 +93,10 @@ pub(super) fn trajectory() -> Schema {
         field("radius", 10, Type::Float),
         field("percent_goal", 11, Type::Double),
     ]);
-    set(TRAJECTORY, trajectory, [], &[])
+    schema(TRAJECTORY, trajectory, [], &[])
 }
 
-/// One value per name; `/train/lce` becomes `carl.scalars.TrainLce`.
+/// One value per name. The message type of the topic `/train/lce` is `carl.scalars.TrainLce`.
 pub(super) fn scalars(topic: &str, value_names: &[&str]) -> Schema {
     let name: String = topic.split(|c: char| !c.is_ascii_alphanumeric()).map(capitalised).collect();
     let mut scalars = message(if name.is_empty() { "Unnamed" } else { &name });
@@ -104,7 +107,7 @@ pub(super) fn scalars(topic: &str, value_names: &[&str]) -> Schema {
         scalars.field.push(field(&name, number as i32, Type::Double));
     }
     let full_name = format!("{SCALARS}{}", scalars.name());
-    set(&full_name, scalars, [], &[])
+    schema(&full_name, scalars, [], &[])
 }
 
 /// The value names of a scalars schema, in the order of their field numbers from [`FIRST_VALUE`] on.
@@ -120,7 +123,7 @@ fn capitalised(word: &str) -> String {
     first.to_ascii_uppercase() + rest
 }
 
-/// A name that protobuf takes and that no field has yet.
+/// The name as a valid protobuf identifier that no other field has.
 fn unused_identifier(name: &str, taken: &[FieldDescriptorProto]) -> String {
     let mut name = name.replace(|c: char| !c.is_ascii_alphanumeric(), "_");
     if !name.starts_with(|c: char| c.is_ascii_alphabetic()) {
@@ -132,114 +135,14 @@ fn unused_identifier(name: &str, taken: &[FieldDescriptorProto]) -> String {
     name
 }
 
-fn set<const N: usize>(
+fn schema<const N: usize>(
     full_name: &str,
     message: DescriptorProto,
     imports: [FileDescriptorProto; N],
-    direct: &[&str],
+    import_paths: &[&str],
 ) -> Schema {
     let package = full_name.rsplit_once('.').map_or("", |(package, _)| package);
-    let mut root = file(package, message);
-    root.dependency = vec!["google/protobuf/timestamp.proto".to_owned()];
-    root.dependency.extend(direct.iter().map(|&path| path.to_owned()));
-    let mut files = vec![timestamp()];
-    files.extend(imports);
-    files.push(root);
-    Schema { name: full_name.to_owned(), data: FileDescriptorSet { file: files }.encode_to_vec() }
-}
-
-fn file(package: &str, message: DescriptorProto) -> FileDescriptorProto {
-    FileDescriptorProto {
-        name: Some(format!("{}/{}.proto", package.replace('.', "/"), message.name())),
-        package: Some(package.to_owned()),
-        message_type: vec![message],
-        syntax: Some("proto3".to_owned()),
-        ..Default::default()
-    }
-}
-
-fn timestamp() -> FileDescriptorProto {
-    let mut timestamp = message("Timestamp");
-    timestamp.field = vec![field("seconds", 1, Type::Int64), field("nanos", 2, Type::Int32)];
-    let mut file = file("google.protobuf", timestamp);
-    file.name = Some("google/protobuf/timestamp.proto".to_owned());
-    file
-}
-
-fn vector3() -> FileDescriptorProto {
-    let mut vector = message("Vector3");
-    vector.field = vec![field("x", 1, Type::Double), field("y", 2, Type::Double), field("z", 3, Type::Double)];
-    file("foxglove", vector)
-}
-
-fn quaternion() -> FileDescriptorProto {
-    let mut quaternion = message("Quaternion");
-    quaternion.field = ["x", "y", "z", "w"].into_iter().zip(1..).map(|(n, i)| field(n, i, Type::Double)).collect();
-    file("foxglove", quaternion)
-}
-
-fn pose() -> FileDescriptorProto {
-    let mut pose = message("Pose");
-    pose.field =
-        vec![of_message("position", 1, ".foxglove.Vector3"), of_message("orientation", 2, ".foxglove.Quaternion")];
-    let mut file = file("foxglove", pose);
-    file.dependency = vec!["foxglove/Vector3.proto".to_owned(), "foxglove/Quaternion.proto".to_owned()];
-    file
-}
-
-fn packed_element_field() -> FileDescriptorProto {
-    const TYPES: [&str; 9] = ["UNKNOWN", "UINT8", "INT8", "UINT16", "INT16", "UINT32", "INT32", "FLOAT32", "FLOAT64"];
-    let mut packed = message("PackedElementField");
-    packed.enum_type = vec![names("NumericType", &TYPES)];
-    packed.field = vec![
-        field("name", 1, Type::String),
-        field("offset", 2, Type::Fixed32),
-        of_enum("type", 3, ".foxglove.PackedElementField.NumericType"),
-    ];
-    file("foxglove", packed)
-}
-
-fn message(name: &str) -> DescriptorProto {
-    DescriptorProto { name: Some(name.to_owned()), ..Default::default() }
-}
-
-fn names(name: &str, values: &[&str]) -> EnumDescriptorProto {
-    let value = |(name, number): (&&str, i32)| EnumValueDescriptorProto {
-        name: Some((*name).to_owned()),
-        number: Some(number),
-        options: None,
-    };
-    EnumDescriptorProto {
-        name: Some(name.to_owned()),
-        value: values.iter().zip(0..).map(value).collect(),
-        ..Default::default()
-    }
-}
-
-fn at_fields([round, epoch, step]: [&str; 3], first: i32) -> [FieldDescriptorProto; 3] {
-    [field(round, first, Type::Uint32), field(epoch, first + 1, Type::Uint32), field(step, first + 2, Type::Uint64)]
-}
-
-fn field(name: &str, number: i32, r#type: Type) -> FieldDescriptorProto {
-    FieldDescriptorProto {
-        name: Some(name.to_owned()),
-        number: Some(number),
-        label: Some(Label::Optional as i32),
-        r#type: Some(r#type as i32),
-        ..Default::default()
-    }
-}
-
-fn of_message(name: &str, number: i32, type_name: &str) -> FieldDescriptorProto {
-    FieldDescriptorProto { type_name: Some(type_name.to_owned()), ..field(name, number, Type::Message) }
-}
-
-fn of_enum(name: &str, number: i32, type_name: &str) -> FieldDescriptorProto {
-    FieldDescriptorProto { type_name: Some(type_name.to_owned()), ..field(name, number, Type::Enum) }
-}
-
-fn repeated(field: FieldDescriptorProto) -> FieldDescriptorProto {
-    FieldDescriptorProto { label: Some(Label::Repeated as i32), ..field }
+    Schema { name: full_name.to_owned(), data: descriptor_set(package, message, imports, import_paths).encode_to_vec() }
 }
 
 #[cfg(test)]

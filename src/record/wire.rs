@@ -1,11 +1,11 @@
-//! The protobuf messages of a recording: foxglove's where one fits, `carl.*` elsewhere.
+//! The protobuf messages of a recording: Foxglove's types where one fits, and `carl.*` types otherwise.
 //!
-//! Foxglove's messages have no place for round, epoch and step, so ours carry them in fields 1001 to 1003. Readers that
-//! decode by the schema in the file see them by name; readers with foxglove's schema built in skip them.
+//! Foxglove's types have no fields for round, epoch and step, so fields 1001 to 1003 hold them. A reader that decodes
+//! with the schema in the file shows these fields by name. A reader with Foxglove's schema built in skips them.
 
 use prost_types::Timestamp;
 
-/// `foxglove.PackedElementField`: where a value lies within a point.
+/// `foxglove.PackedElementField`: name, offset and type of a value within a point.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct PackedElementField {
     #[prost(string, tag = "1")]
@@ -16,12 +16,12 @@ pub(super) struct PackedElementField {
     pub r#type: i32,
 }
 
-/// `NumericType.UINT8`
+/// `NumericType.UINT8`.
 pub(super) const UINT8: i32 = 1;
-/// `NumericType.FLOAT32`
+/// `NumericType.FLOAT32`.
 pub(super) const FLOAT32: i32 = 7;
 
-/// `foxglove.Vector3`
+/// `foxglove.Vector3`.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub(super) struct Vector3 {
     #[prost(double, tag = "1")]
@@ -32,7 +32,7 @@ pub(super) struct Vector3 {
     pub z: f64,
 }
 
-/// `foxglove.Quaternion`
+/// `foxglove.Quaternion`.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub(super) struct Quaternion {
     #[prost(double, tag = "1")]
@@ -45,7 +45,7 @@ pub(super) struct Quaternion {
     pub w: f64,
 }
 
-/// `foxglove.Pose`
+/// `foxglove.Pose`.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub(super) struct Pose {
     #[prost(message, optional, tag = "1")]
@@ -54,13 +54,13 @@ pub(super) struct Pose {
     pub orientation: Option<Quaternion>,
 }
 
-/// Points lie where they say. Rerun's own reader stumbles over a cloud that does not say so.
-pub(super) const NO_POSE: Pose = Pose {
+/// The identity pose. Rerun's MCAP reader needs a pose in every cloud.
+pub(super) const IDENTITY_POSE: Pose = Pose {
     position: Some(Vector3 { x: 0.0, y: 0.0, z: 0.0 }),
     orientation: Some(Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }),
 };
 
-/// `foxglove.PointCloud`
+/// `foxglove.PointCloud`.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct PointCloud {
     #[prost(message, optional, tag = "1")]
@@ -83,7 +83,7 @@ pub(super) struct PointCloud {
     pub step: u64,
 }
 
-/// `foxglove.RawImage`
+/// `foxglove.RawImage`.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct RawImage {
     #[prost(message, optional, tag = "1")]
@@ -94,7 +94,7 @@ pub(super) struct RawImage {
     pub height: u32,
     #[prost(string, tag = "4")]
     pub encoding: String,
-    /// Bytes from one row of pixels to the next.
+    /// Bytes of one row of pixels.
     #[prost(fixed32, tag = "5")]
     pub step: u32,
     #[prost(bytes = "vec", tag = "6")]
@@ -109,7 +109,7 @@ pub(super) struct RawImage {
     pub at_step: u64,
 }
 
-/// `foxglove.Log`
+/// `foxglove.Log`.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct Log {
     #[prost(message, optional, tag = "1")]
@@ -128,7 +128,7 @@ pub(super) struct Log {
     pub step: u64,
 }
 
-/// `carl.Trajectory`: one episode of an evaluation in true space.
+/// `carl.Trajectory`: one evaluated episode in true space.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct Trajectory {
     #[prost(message, optional, tag = "1")]
@@ -155,7 +155,7 @@ pub(super) struct Trajectory {
     pub percent_goal: f64,
 }
 
-/// The head of every `carl.*` scalars message; its values follow as doubles from [`FIRST_VALUE`] on.
+/// The first fields of every `carl.scalars.*` message. The values follow as doubles, from field [`FIRST_VALUE`] on.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct ScalarsHead {
     #[prost(message, optional, tag = "1")]

@@ -23,12 +23,14 @@ pub enum Event {
     /// The first event of a run.
     RunStarted {
         /// The id of the run.
+        #[serde(default)]
         run: String,
         /// The name of the pipeline.
         pipeline: String,
         /// The seed, if all nodes have the same.
         seed: Option<u64>,
         /// How many nodes are wanted.
+        #[serde(default)]
         nodes: usize,
     },
     /// A node started to work.
@@ -36,6 +38,7 @@ pub enum Event {
         /// The name of the node.
         node: String,
         /// The kind of stage.
+        #[serde(default)]
         kind: String,
         /// The round of the node.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -87,6 +90,7 @@ pub enum Event {
         /// The name of the node.
         node: String,
         /// The kind of stage.
+        #[serde(default)]
         kind: String,
         /// The round of the node.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -94,6 +98,7 @@ pub enum Event {
         /// How it ended.
         state: NodeState,
         /// Seconds that it worked in this run.
+        #[serde(default)]
         secs: f64,
         /// The content digest of its output.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -102,7 +107,7 @@ pub enum Event {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         recording: Option<String>,
         /// Its metrics.
-        #[serde(rename = "figures")]
+        #[serde(rename = "figures", default)]
         metrics: BTreeMap<String, f64>,
         /// What went wrong, with every cause.
         #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -1,7 +1,8 @@
-//! The layout of the Rerun view: ours, never the viewer's guess, which changes from version to version.
+//! The layout of the view. The viewer's automatic layout changes from version to version, so the view sends its own.
 
 use std::collections::BTreeMap;
 
+use carl_pipe::record::topic;
 use rerun::{
     EntityPath, RecordingStream, RecordingStreamBuilder, StoreKind,
     blueprint::{
@@ -18,25 +19,24 @@ use rerun::{
     },
 };
 
-use super::topic;
+/// The application's name in the viewer. Raise the number with every change of the layout: a viewer saves the last
+/// layout of an application and prefers the saved one.
+pub(crate) const APPLICATION: &str = "carl-pipe-v1";
+/// A value that is smaller than the largest value of its topic by this factor is drawn in a separate plot.
+const SMALL_FACTOR: f64 = 10.0;
 
-/// Raised with every change of the layout: viewers keep the last layout of an application and prefer it to ours.
-pub(super) const APPLICATION: &str = "carl-pipe-v1";
-/// Values this much smaller than the largest of their topic get a plot of their own.
-const OTHER_SCALE: f64 = 10.0;
-
-/// What the layout depends on: how many dimensions the latent space has, and which curves are small.
+/// What was learned from the messages about the layout: the dimensions of the latent space and the scales of curves.
 #[derive(Debug, Default)]
-pub(super) struct Layout {
-    /// The latent map is drawn in three dimensions.
-    pub solid: bool,
-    /// The small values of every topic of scalars seen so far.
+pub(crate) struct Layout {
+    /// True once a latent had a third dimension.
+    is_3d: bool,
+    /// The names of the small values of every topic of scalars so far.
     small: BTreeMap<String, Vec<String>>,
 }
 
 impl Layout {
-    /// Learns of a topic by its first message; true if that changes the layout.
-    pub(super) fn sees(&mut self, topic: &str, names: &[String], values: &[f64]) -> bool {
+    /// Learns from the first message of a topic which of its values are small; true if that changes the layout.
+    pub(crate) fn learn_scales(&mut self, topic: &str, names: &[String], values: &[f64]) -> bool {
         if self.small.contains_key(topic) {
             return false;
         }
@@ -44,7 +44,7 @@ impl Layout {
         let largest = values.iter().fold(0.0, |largest: f64, &value| largest.max(size(value)));
         let named = names.iter().zip(values);
         let small: Vec<_> = named
-            .filter(|&(_, &value)| value != 0.0 && size(value) * OTHER_SCALE < largest)
+            .filter(|&(_, &value)| value != 0.0 && size(value) * SMALL_FACTOR < largest)
             .map(|(name, _)| name.clone())
             .collect();
         let splits = [topic::TRAIN_LCE, topic::TRAIN_SAC, topic::TRAIN_DISTILL].contains(&topic) && !small.is_empty();
@@ -52,18 +52,23 @@ impl Layout {
         splits
     }
 
-    /// Looks at latents; true if they are the first with a third dimension, which changes the layout.
-    pub(super) fn latents_have_depth(&mut self, latents: &[[f32; 3]]) -> bool {
-        let was = self.solid;
-        self.solid |= latents.iter().any(|latent| latent[2] != 0.0);
-        self.solid != was
+    /// Learns whether latents have a third dimension; true if that changes the layout.
+    pub(crate) fn learn_dimensions(&mut self, latents: &[[f32; 3]]) -> bool {
+        let was_3d = self.is_3d;
+        self.is_3d |= latents.iter().any(|&[_, _, z]| z != 0.0);
+        self.is_3d != was_3d
     }
 
-    /// Sends the layout to the viewer, which takes it up at once.
-    pub(super) fn send(&self, stream: &RecordingStream) -> anyhow::Result<()> {
+    /// True if the latent space is drawn in three dimensions.
+    pub(crate) fn is_3d(&self) -> bool {
+        self.is_3d
+    }
+
+    /// Sends the layout to the viewer, which applies it at once.
+    pub(crate) fn send(&self, stream: &RecordingStream) -> anyhow::Result<()> {
         let mut plots = Plots::default();
         let blueprint = self.blueprint(&mut plots);
-        // The SDK has no way to set the properties of a plot, so they are logged into the blueprint beside it.
+        // The SDK cannot set the properties of a plot, so they are logged into the blueprint as messages.
         let (layout, messages) = RecordingStreamBuilder::new(APPLICATION).memory()?;
         blueprint.send(&layout, BlueprintActivation::default())?;
         let is_layout = |message: &LogMsg| message.store_id().kind() == StoreKind::Blueprint;
@@ -85,7 +90,7 @@ impl Layout {
         let spaces = Horizontal::new([self.latent_map(), true_space()]);
         let left = Vertical::new([spaces.into(), pictures.into()]).with_row_shares(vec![3.0, 2.0]);
         let rows = [
-            plots.of("percent of time in goal", topic::PERCENT_GOAL, Vec::new(), Corner2D::RightBottom),
+            plots.add("percent of time in goal", topic::PERCENT_GOAL, Vec::new(), Corner2D::RightBottom),
             self.curves("latent model", topic::TRAIN_LCE, plots),
             self.curves("SAC", topic::TRAIN_SAC, plots),
             self.log(plots),
@@ -107,26 +112,26 @@ impl Layout {
 
     fn latent_map(&self) -> ContainerLike {
         let contents = all_but(topic::LATENT_MAP, ["quality"]);
-        if self.solid {
+        if self.is_3d {
             Spatial3DView::new("latent space").with_origin(topic::LATENT_MAP).with_contents(contents).into()
         } else {
             Spatial2DView::new("latent space").with_origin(topic::LATENT_MAP).with_contents(contents).into()
         }
     }
 
-    /// A topic's curves; the small ones beside the others.
+    /// The plot of a topic's curves, with a second plot beside it for the small values.
     fn curves(&self, title: &str, topic: &str, plots: &mut Plots) -> ContainerLike {
         let small = self.small.get(topic).map_or(&[][..], Vec::as_slice);
-        let large = plots.of(title, topic, all_but(topic, small.iter().map(String::as_str)), Corner2D::RightTop);
+        let large = plots.add(title, topic, all_but(topic, small.iter().map(String::as_str)), Corner2D::RightTop);
         if small.is_empty() {
             return large;
         }
         let contents = small.iter().map(|name| format!("+ {topic}/{name}/**")).collect();
-        Horizontal::new([large, plots.of(&format!("{title}: small values"), topic, contents, Corner2D::RightTop)])
+        Horizontal::new([large, plots.add(&format!("{title}: small values"), topic, contents, Corner2D::RightTop)])
             .into()
     }
 
-    /// The log, and behind it the curves that have no other place.
+    /// The log, with tabs behind it for the curves that have no plot elsewhere.
     fn log(&self, plots: &mut Plots) -> ContainerLike {
         let mut rest = vec!["+ /**".to_owned()];
         let placed = [topic::PERCENT_GOAL, topic::TRAIN_LCE, topic::TRAIN_SAC, topic::TRAIN_DISTILL];
@@ -134,45 +139,53 @@ impl Layout {
         Tabs::new([
             TextLogView::new("log").with_contents(["+ /**"]).into(),
             self.curves("distillation", topic::TRAIN_DISTILL, plots),
-            plots.of("other curves", "/", rest, Corner2D::RightTop),
+            plots.add("other curves", "/", rest, Corner2D::RightTop),
         ])
         .into()
     }
 }
 
-/// The plots of a layout, each with the corner that its curves leave to the legend.
+/// The plots of a layout.
 #[derive(Debug, Default)]
-struct Plots(Vec<(EntityPath, Corner2D)>);
+struct Plots(Vec<Plot>);
+
+#[derive(Debug)]
+struct Plot {
+    path: EntityPath,
+    /// The corner of the legend. The curves of the plot rarely go there.
+    legend: Corner2D,
+}
 
 impl Plots {
-    /// A plot of these contents, or of the whole topic.
-    fn of(&mut self, title: &str, topic: &str, contents: Vec<String>, legend: Corner2D) -> ContainerLike {
+    /// Adds a plot of these contents, or of the whole topic if `contents` is empty.
+    fn add(&mut self, title: &str, topic: &str, contents: Vec<String>, legend: Corner2D) -> ContainerLike {
         let mut plot = TimeSeriesView::new(title).with_origin(topic);
         if !contents.is_empty() {
             plot = plot.with_contents(contents);
         }
         let plot = ContainerLike::from(plot);
         if let ContainerLike::View(view) = &plot {
-            self.0.push((view.blueprint_path(), legend));
+            self.0.push(Plot { path: view.blueprint_path(), legend });
         }
         plot
     }
 
-    /// Legends, and the whole run on every time axis: left to itself, the viewer shows
-    /// a window around the time cursor.
+    /// Messages that place the legends and show the whole run on every time axis. By default the viewer shows a window
+    /// around the time cursor.
     fn properties(&self, blueprint_id: &RecordingId) -> anyhow::Result<Vec<LogMsg>> {
         let builder = RecordingStreamBuilder::new(APPLICATION).recording_id(blueprint_id.clone());
         let (stream, messages) = builder.blueprint().memory()?;
         stream.set_time_sequence("blueprint", 0);
         let axis = TimeAxis::new().with_view_range(TimeRange(datatypes::TimeRange::EVERYTHING));
-        for (plot, legend) in &self.0 {
-            stream.log(format!("{plot}/PlotLegend"), &PlotLegend::new().with_corner(*legend))?;
-            stream.log(format!("{plot}/TimeAxis"), &axis)?;
+        for Plot { path, legend } in &self.0 {
+            stream.log(format!("{path}/PlotLegend"), &PlotLegend::new().with_corner(*legend))?;
+            stream.log(format!("{path}/TimeAxis"), &axis)?;
         }
         Ok(messages.take().into_iter().filter(|message| matches!(message, LogMsg::ArrowMsg(..))).collect())
     }
 }
 
+/// Selects the entities below a topic, without some of its values.
 fn all_but<'a>(topic: &str, without: impl IntoIterator<Item = &'a str>) -> Vec<String> {
     let mut contents = vec![format!("+ {topic}/**")];
     contents.extend(without.into_iter().map(|name| format!("- {topic}/{name}/**")));

@@ -1,3 +1,70 @@
-//! The live view.
+//! Shows carl-pipe's runs and recordings in the Rerun viewer. `carl-pipe view` and `carl-pipe run --rerun` start it.
 
-fn main() {}
+use std::{
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
+
+use carl_pipe::{
+    cli::{Stop, VIEW_ERROR, ViewArgs, ViewTarget},
+    run::runs,
+};
+use carl_view::{RerunViewer, ViewHost, Viewer as _, follow, open};
+use clap::Parser as _;
+
+/// Shows runs and recordings of carl-pipe in the Rerun viewer.
+#[derive(Debug, clap::Parser)]
+#[command(name = "carl-view", version = carl_pipe::VERSION, max_term_width = 100)]
+struct Args {
+    #[command(flatten)]
+    view: ViewArgs,
+    /// The folder of results and runs.
+    #[arg(long, value_name = "DIR", env = "CARL_ARTIFACTS", hide_env_values = true, default_value = "artifacts")]
+    artifacts: PathBuf,
+}
+
+/// A view in a terminal, or in the log file of a run.
+struct Terminal<'a> {
+    stop: Stop,
+    run_dir: Option<&'a Path>,
+}
+
+impl ViewHost for Terminal<'_> {
+    fn should_stop(&self) -> bool {
+        self.stop.is_asked()
+    }
+
+    fn run_is_alive(&self) -> bool {
+        self.run_dir.is_some_and(runs::is_alive)
+    }
+
+    fn note(&self, text: &str) {
+        eprintln!("{text}");
+    }
+}
+
+fn main() -> ExitCode {
+    let args = Args::parse();
+    match show(&args) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(VIEW_ERROR)
+        }
+    }
+}
+
+fn show(args: &Args) -> anyhow::Result<()> {
+    let target = args.view.target(&args.artifacts)?;
+    let run_dir = match &target {
+        ViewTarget::Follow(run_dir) => Some(run_dir.as_path()),
+        ViewTarget::Open(_) => None,
+    };
+    let host = Terminal { stop: Stop::listen()?, run_dir };
+    let mut viewer = RerunViewer::open(&args.view.rerun, &host)?;
+    match &target {
+        ViewTarget::Follow(run_dir) => follow(run_dir, &mut viewer, &host)?,
+        ViewTarget::Open(paths) => open(paths, &mut viewer, &host)?,
+    }
+    viewer.close(&host)
+}

@@ -4,3 +4,4 @@ mod chaos;
 mod plot;
 mod suite;
 mod verbs;
+mod view;

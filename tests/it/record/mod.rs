@@ -1,5 +1,4 @@
 //! Recordings, and what others read in them.
 
 mod files;
-mod follow;
 mod python;

@@ -1,28 +1,28 @@
-//! Where the live view goes: `spawn`, `connect[=URL]`, `serve[=PORT]` or `save=FILE`.
+//! The sink of a view, as users write it: `spawn`, `connect[=URL]`, `serve[=PORT]` or `save=FILE`.
 
-use std::{path::PathBuf, str::FromStr};
+use std::{fmt, path::PathBuf, str::FromStr};
 
-/// The port that Rerun viewers listen on unless told otherwise.
+/// The port that Rerun viewers listen on by default.
 const VIEWER_PORT: u16 = 9876;
 
-/// Where to show recordings.
+/// Where a view shows recordings.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Sink {
-    /// A viewer on this machine, started if none listens yet.
+    /// A viewer on this machine. The view starts one if none listens yet.
     Spawn,
     /// A viewer that already listens.
     Connect {
-        /// Such as `rerun+http://127.0.0.1:9876/proxy`.
+        /// The viewer's URL, such as `rerun+http://127.0.0.1:9876/proxy`.
         url: String,
     },
-    /// Wait for viewers to connect.
+    /// Viewers that connect to the view.
     Serve {
-        /// The port to listen on.
+        /// The port that the view listens on.
         port: u16,
     },
-    /// A Rerun file for later.
+    /// A Rerun file.
     Save {
-        /// Usually ends in `.rrd`.
+        /// The file to write. Its name usually ends in `.rrd`.
         path: PathBuf,
     },
 }
@@ -37,8 +37,8 @@ impl FromStr for Sink {
         };
         match (name, value) {
             ("spawn", None) => Ok(Sink::Spawn),
-            ("connect", None) => Ok(Sink::Connect { url: url("127.0.0.1", VIEWER_PORT) }),
-            ("connect", Some(address)) => Ok(Sink::Connect { url: viewer_url(address)? }),
+            ("connect", None) => Ok(Sink::Connect { url: Sink::viewer_url("127.0.0.1", VIEWER_PORT) }),
+            ("connect", Some(address)) => Ok(Sink::Connect { url: parse_url(address)? }),
             ("serve", None) => Ok(Sink::Serve { port: VIEWER_PORT }),
             ("serve", Some(port)) => match port.parse() {
                 Ok(port) if port > 0 => Ok(Sink::Serve { port }),
@@ -52,22 +52,39 @@ impl FromStr for Sink {
 }
 
 impl Sink {
-    /// Host and port of a viewer's URL.
-    pub(super) fn address(url: &str) -> Option<(&str, u16)> {
+    /// The URL of the viewer at a host and port.
+    pub fn viewer_url(host: &str, port: u16) -> String {
+        format!("rerun+http://{host}:{port}/proxy")
+    }
+
+    /// The host and port of a viewer's URL, or `None` if the URL has none.
+    pub fn address(url: &str) -> Option<(&str, u16)> {
         let rest = url.split_once("://").map_or(url, |(_, rest)| rest);
         let (host, port) = rest.split('/').next()?.rsplit_once(':')?;
         Some((host.trim_start_matches('[').trim_end_matches(']'), port.parse().ok()?))
     }
 }
 
-/// Takes a whole URL, or a host, with or without a port.
-fn viewer_url(address: &str) -> Result<String, String> {
+impl fmt::Display for Sink {
+    /// Writes the sink so that it parses to the same sink again.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Sink::Spawn => f.write_str("spawn"),
+            Sink::Connect { url } => write!(f, "connect={url}"),
+            Sink::Serve { port } => write!(f, "serve={port}"),
+            Sink::Save { path } => write!(f, "save={}", path.display()),
+        }
+    }
+}
+
+/// Parses a whole URL, or a host with or without a port.
+fn parse_url(address: &str) -> Result<String, String> {
     let whole = if address.contains("://") {
         address.to_owned()
     } else if address.contains(':') {
         format!("rerun+http://{address}/proxy")
     } else {
-        url(address, VIEWER_PORT)
+        Sink::viewer_url(address, VIEWER_PORT)
     };
     let known = ["rerun://", "rerun+http://", "rerun+https://"].iter().any(|scheme| whole.starts_with(scheme));
     match Sink::address(&whole) {
@@ -76,16 +93,12 @@ fn viewer_url(address: &str) -> Result<String, String> {
     }
 }
 
-pub(super) fn url(host: &str, port: u16) -> String {
-    format!("rerun+http://{host}:{port}/proxy")
-}
-
 #[cfg(test)]
 mod tests {
     use super::Sink;
 
     #[test]
-    fn every_way_of_naming_a_sink_is_understood() {
+    fn every_form_of_a_sink_is_understood() {
         let connect = |url: &str| Ok(Sink::Connect { url: url.to_owned() });
         assert_eq!("spawn".parse(), Ok(Sink::Spawn));
         assert_eq!("connect".parse(), connect("rerun+http://127.0.0.1:9876/proxy"));
@@ -98,7 +111,15 @@ mod tests {
     }
 
     #[test]
-    fn other_sinks_are_refused_with_what_would_do() {
+    fn a_sink_parses_to_itself_after_it_is_written() {
+        for text in ["spawn", "connect=rerun+http://desk:9876/proxy", "serve=80", "save=a=b.rrd"] {
+            let sink: Sink = text.parse().unwrap();
+            assert_eq!(sink.to_string(), text);
+        }
+    }
+
+    #[test]
+    fn an_unknown_sink_is_refused_with_the_valid_forms() {
         let refused = |text: &str| text.parse::<Sink>().unwrap_err();
         assert!(refused("spwan").contains("`spwan` is none of `spawn`"));
         assert!(refused("save").contains("save=run.rrd"));

@@ -1,26 +1,28 @@
-//! The Rerun view of a whole run, as a file.
+//! The view of a whole run as a Rerun file.
 //!
-//! To look at it: `CARL_SAMPLE=sample cargo test --test record_rerun`, then `rerun sample/run.rrd`.
+//! To look at it: `CARL_SAMPLE=sample cargo test -p carl-view rerun_file`, then `rerun sample/run.rrd`.
 
 #![allow(clippy::disallowed_methods, reason = "tests wait and measure")]
-#![cfg(feature = "rerun")]
 
-use crate::support::recording;
 use std::{cell::RefCell, path::PathBuf, time::Instant};
 
-use carl_pipe::record::{Sink, Watcher, follow, open};
+use carl_pipe::cli::Sink;
+use carl_view::{RerunViewer, ViewHost, Viewer as _, open};
 
+use crate::sample_run;
+
+/// Keeps what the view says.
 #[derive(Default)]
-struct Quiet(RefCell<Vec<String>>);
+struct Notes(RefCell<Vec<String>>);
 
-impl Watcher for Quiet {
-    fn stop(&self) -> bool {
+impl ViewHost for Notes {
+    fn should_stop(&self) -> bool {
         false
     }
-    fn alive(&self) -> bool {
+    fn run_is_alive(&self) -> bool {
         false
     }
-    fn say(&self, text: &str) {
+    fn note(&self, text: &str) {
         self.0.borrow_mut().push(text.to_owned());
     }
 }
@@ -29,20 +31,21 @@ impl Watcher for Quiet {
 fn a_run_becomes_a_rerun_file() {
     let temporary = tempfile::tempdir().unwrap();
     let folder = std::env::var_os("CARL_SAMPLE").map_or(temporary.path().to_owned(), PathBuf::from);
-    recording::write_run(&folder, 30);
-    let (quiet, path) = (Quiet::default(), folder.join("run.rrd"));
-    open(&[folder], &Sink::Save { path: path.clone() }, &quiet).unwrap();
-    assert!(quiet.0.borrow()[0].starts_with("wrote "), "{:?}", quiet.0);
+    sample_run::write_run(&folder, 30);
+    let (notes, path) = (Notes::default(), folder.join("run.rrd"));
+    let mut viewer = RerunViewer::open(&Sink::Save { path: path.clone() }, &notes).unwrap();
+    open(&[folder], &mut viewer, &notes).unwrap();
+    viewer.close(&notes).unwrap();
+    assert!(notes.0.borrow()[0].starts_with("wrote "), "{:?}", notes.0);
     assert!(std::fs::metadata(path).unwrap().len() > 100_000);
 }
 
 #[test]
 fn a_dead_address_is_an_error_at_once() {
-    let folder = tempfile::tempdir().unwrap();
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let started = Instant::now();
     let sink: Sink = format!("connect=127.0.0.1:{port}").parse().unwrap();
-    let error = follow(folder.path(), &sink, &Quiet::default()).unwrap_err();
+    let error = RerunViewer::open(&sink, &Notes::default()).unwrap_err();
     assert!(error.to_string().contains("pip install rerun-sdk==0.36.3"), "{error}");
     assert!(started.elapsed().as_secs() < 5);
 }
