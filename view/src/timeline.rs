@@ -5,6 +5,8 @@
 
 use std::collections::BTreeMap;
 
+use carl_pipe::node_name::NodeName;
+
 /// Steps and epochs since the run began.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(crate) struct Offset {
@@ -30,13 +32,12 @@ pub(crate) struct Lane {
 }
 
 impl Lane {
-    /// The lane of a node, by the node's name.
+    /// The lane of a node. A text that is no node's name is a lane of that name.
     pub(crate) fn of(node: &str) -> Lane {
-        let stage = node.split(['@', '[']).next().unwrap_or(node);
-        let point = node.split_once('[').and_then(|(_, rest)| rest.split_once(']')).map_or("", |(point, _)| point);
-        let name = if point.is_empty() { stage.to_owned() } else { format!("{stage}[{point}]") };
-        let branch = stage.split_once('/').map_or(point.to_owned(), |(member, _)| format!("{member} {point}"));
-        Lane { name, branch }
+        let Ok(name) = node.parse::<NodeName>() else { return Lane { name: node.to_owned(), branch: String::new() } };
+        let (stage, point) = (name.stage_path(), name.point_text());
+        let branch = name.member.map_or(point.clone(), |member| format!("{member} {point}"));
+        Lane { name: if point.is_empty() { stage } else { format!("{stage}[{point}]") }, branch }
     }
 }
 
@@ -86,5 +87,6 @@ mod tests {
         assert_eq!(Lane::of("represent@3[seed=1]"), lane("represent[seed=1]", "seed=1"));
         assert_eq!(Lane::of("a/represent@3[seed=1]"), lane("a/represent[seed=1]", "a seed=1"));
         assert_eq!(Lane::of("represent[seed=1]@3"), lane("represent[seed=1]", "seed=1"));
+        assert_eq!(Lane::of("my recording@home"), lane("my recording@home", ""));
     }
 }
