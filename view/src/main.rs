@@ -6,11 +6,14 @@ use std::{
 };
 
 use carl_pipe::{
-    cli::{Stop, VIEW_ERROR, ViewArgs, ViewTarget},
+    cli::{Stop, ViewArgs, ViewTarget},
     run::runs,
 };
 use carl_view::{RerunViewer, ViewHost, Viewer as _, follow, open};
 use clap::Parser as _;
+
+/// The exit code of carl-pipe for an error of the store or the system.
+const SYSTEM_ERROR: u8 = 4;
 
 /// Shows runs and recordings of carl-pipe in the Rerun viewer.
 #[derive(Debug, clap::Parser)]
@@ -49,7 +52,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error:#}");
-            ExitCode::from(VIEW_ERROR)
+            ExitCode::from(SYSTEM_ERROR)
         }
     }
 }

@@ -117,7 +117,7 @@ impl RerunViewer {
     fn obstacles(&self, entity: EntityPath, circles: &[[f32; 3]]) -> anyhow::Result<()> {
         let discs = Points2D::new(circles.iter().map(|&[row, col, _]| (col, row)))
             .with_radii(circles.iter().map(|&[_, _, radius]| Radius::new_scene_units(radius)))
-            .with_colors([style::OBSTACLE])
+            .with_colors([style::colour(style::OBSTACLE)])
             .with_draw_order(-10.0);
         Ok(self.stream.log(entity, &discs)?)
     }
@@ -132,7 +132,7 @@ impl RerunViewer {
         let ends = Points2D::new(ends).with_radii([Radius::new_ui_points(2.5), Radius::new_ui_points(4.0)]);
         self.stream.log(below("ends"), &ends.with_colors([colour]))?;
         let circle = LineStrips2D::new([circle(*goal, *radius)])
-            .with_colors([style::GOAL_CIRCLE])
+            .with_colors([style::colour(style::GOAL_CIRCLE)])
             .with_radii([Radius::new_ui_points(0.75)])
             .with_labels([format!("episode {episode}: {percent_goal:.0} %")])
             .with_show_labels(false);
@@ -152,10 +152,10 @@ impl Viewer for RerunViewer {
         match &message.frame {
             Frame::Scalars { names, values } => self.scalars(position, topic, names, values),
             Frame::LatentMap { latents, colours, .. } => {
-                let colours: Vec<_> = colours.iter().map(|&[r, g, b, _]| Color::from_rgb(r, g, b)).collect();
+                let colours: Vec<_> = colours.iter().map(|&[r, g, b, _]| style::colour([r, g, b])).collect();
                 self.latents(here, latents, &colours, 2.5)
             }
-            Frame::Goals(goals) => self.latents(here, goals, &[style::GOAL], 6.0),
+            Frame::Goals(goals) => self.latents(here, goals, &[style::colour(style::GOAL)], 6.0),
             Frame::Obstacles(circles) => self.obstacles(here, circles),
             Frame::Picture { height, width, grey } => {
                 Ok(self.stream.log(here, &Image::from_l8(grey.clone(), [*width, *height]))?)

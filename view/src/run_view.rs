@@ -95,7 +95,7 @@ impl<'a> RunView<'a> {
             Event::NodeFinished { node, round, state, recording, .. } => {
                 self.on_node_finished(node, round, state, recording)
             }
-            Event::Figure { node, name, value, .. } => self.show_text(&node, Level::Info, &format!("{name} = {value}")),
+            Event::Metric { node, name, value, .. } => self.show_text(&node, Level::Info, &format!("{name} = {value}")),
             Event::Say { node, text } => self.show_text(&node, Level::Info, &text),
             Event::Warning { node, text } => self.show_text(&node.unwrap_or_default(), Level::Warning, &text),
             Event::RunFinished { .. } => {
