@@ -16,6 +16,3 @@ pub mod report;
 pub mod run;
 pub mod stage;
 pub mod store;
-
-/// The version of carl-pipe. `carl-view` must have the same one.
-pub const VERSION: &str = env!("CARGO_PKG_VERSION");

@@ -29,6 +29,7 @@ pub use self::{
     sink::Sink,
     stop::Stop,
     view::{ViewArgs, ViewTarget},
+    view_program::VERSION,
 };
 use crate::{run::runs, stage::Kind, store::LocalStore};
 use exit::{CODES, Error, Exit, Message};

@@ -12,9 +12,11 @@ use std::{
 use rustix::fs::{Access, access};
 
 use super::exit::{Error, Exit};
-use crate::VERSION;
 
 const NAME: &str = "carl-view";
+
+/// The version of carl-pipe. `carl-view` must have the same one.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// The path of `carl-view`: in the folder of the running program, or else on the PATH.
 ///

@@ -17,7 +17,7 @@ const SYSTEM_ERROR: u8 = 4;
 
 /// Shows runs and recordings of carl-pipe in the Rerun viewer.
 #[derive(Debug, clap::Parser)]
-#[command(name = "carl-view", version = carl_pipe::VERSION, max_term_width = 100)]
+#[command(name = "carl-view", version = carl_pipe::cli::VERSION, max_term_width = 100)]
 struct Args {
     #[command(flatten)]
     view: ViewArgs,

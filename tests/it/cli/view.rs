@@ -18,7 +18,7 @@ fn run(toy: &Toy, words: &str, script: Option<&str>) -> Ended {
 
 /// A `carl-view` of this version that does `action` when it is asked to show something.
 fn view_that(action: &str) -> String {
-    format!("[ \"$1\" = --version ] && echo carl-view {} && exit 0\n{action}", carl_pipe::VERSION)
+    format!("[ \"$1\" = --version ] && echo carl-view {} && exit 0\n{action}", carl_pipe::cli::VERSION)
 }
 
 #[test]
@@ -40,7 +40,7 @@ fn a_view_of_another_version_is_refused_before_the_run_begins() {
     let toy = Toy::new();
     let ended = run(&toy, "run toy.toml --rerun spawn", Some("echo carl-view 0.0.7"));
     assert_eq!(ended.code, Some(4), "{ended:?}");
-    let text = format!("has version 0.0.7, but `carl-pipe` has version {}", carl_pipe::VERSION);
+    let text = format!("has version 0.0.7, but `carl-pipe` has version {}", carl_pipe::cli::VERSION);
     assert!(ended.err.contains(&text), "{}", ended.err);
     assert!(ended.err.contains("help: build it again with"), "{}", ended.err);
 }
