@@ -52,7 +52,7 @@ impl ViewArgs {
     /// # Errors
     /// If there is no such run or file, or more than one run is to be followed.
     pub fn target(&self, artifacts: &Path) -> anyhow::Result<ViewTarget> {
-        let runs = artifacts.join("runs");
+        let runs = runs::folder(artifacts);
         let find = |what: &String| {
             if Path::new(what).exists() { Ok(PathBuf::from(what)) } else { runs::find(&runs, what) }
         };
