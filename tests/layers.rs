@@ -122,10 +122,16 @@ const ACTING: &[&str] = &["control/rollout.rs"];
 /// Stages that learn. Of the task they may ask the widths of networks, and lay its defaults over their presets.
 const LEARNING_STAGES: &[&str] = &[
     "stage/train_lce.rs",
-    "stage/train_lce/lesson.rs",
+    "stage/train_lce/attempt.rs",
+    "stage/train_lce/curves.rs",
+    "stage/train_lce/new_model.rs",
+    "stage/train_lce/state.rs",
+    "stage/train_lce/terms.rs",
     "stage/train_lce/params.rs",
     "stage/train_sac.rs",
+    "stage/train_sac/state.rs",
     "stage/distill_policy.rs",
+    "stage/distill_policy/state.rs",
 ];
 
 fn source() -> PathBuf {

@@ -8,7 +8,7 @@ mod latent_map;
 mod lce_model;
 mod sizes;
 mod summary;
-mod tensors;
+pub(crate) mod tensors;
 mod transitions;
 
 pub use crate::store::Files;
@@ -35,7 +35,7 @@ pub trait Artifact: Sized + Send + 'static {
 }
 
 /// A metrics file: readable JSON, one field a line.
-fn json<T: serde::Serialize>(value: &T) -> anyhow::Result<Vec<u8>> {
+pub(crate) fn json<T: serde::Serialize>(value: &T) -> anyhow::Result<Vec<u8>> {
     let mut bytes = serde_json::to_vec_pretty(value)?;
     bytes.push(b'\n');
     Ok(bytes)

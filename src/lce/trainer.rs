@@ -127,9 +127,9 @@ impl<T: Real> Trainer<T> {
         self.dropout = share;
     }
 
-    /// Changes the optimiser's step size.
-    pub fn set_learning_rate(&mut self, learning_rate: f64) {
-        self.settings.learning_rate = learning_rate;
+    /// Changes the optimiser's step size and decay.
+    pub fn set_optimizer(&mut self, settings: AdamSettings) {
+        self.settings = settings;
     }
 
     /// One step of the warm-up on the transitions `which`. `decode` says whether D decodes.

@@ -45,6 +45,13 @@ pub fn shuffle(rng: &mut Rng, order: &mut [u32]) {
     }
 }
 
+/// The indices 0..count in random order.
+pub fn shuffled(rng: &mut Rng, count: usize) -> Vec<u32> {
+    let mut order: Vec<u32> = (0..count as u32).collect();
+    shuffle(rng, &mut order);
+    order
+}
+
 #[cfg(test)]
 mod tests {
     use rand::SeedableRng as _;

@@ -124,7 +124,7 @@ impl Stage for Collect {
                 let goes_on = params.r#continue && done + steps < longest;
                 standing = goes_on.then(|| Standing { before: state, state: next, goal, steps: done + steps });
             }
-            cx.tick(transitions.len() as u64, params.samples, "")?;
+            cx.progress(transitions.len() as u64, params.samples, "")?;
         }
         Ok(Collected { transitions, standing })
     }

@@ -1,16 +1,18 @@
-//! What a stage may touch while it works: named random streams, its recording, progress and its share of the cores.
+//! What a stage may use while it works: named random streams, its recording, progress, its saved state and its share of
+//! the cores.
 
-use super::probe::MapProbe;
+use super::{StageState, probe::MapProbe};
 use crate::{
+    artifact::Files,
     env::Task,
     num::{
         Threads,
         rng::{Purpose, Rng, Stream},
     },
-    record::Recorder,
+    record::{At, Level, Recorder},
 };
 
-/// What the engine hears of a running stage. Nothing a host answers reaches a result.
+/// The program around a running stage. Nothing that a host answers changes a result.
 pub trait Host: Sync {
     /// `done` of `total` steps; `note` is a few words such as `loss 17.2`.
     fn progress(&self, done: u64, total: u64, note: &str);
@@ -20,9 +22,17 @@ pub trait Host: Sync {
     fn say(&self, text: &str);
     /// True once the user asked to stop.
     fn stop_asked(&self) -> bool;
+
+    /// The files of a state that an earlier process saved for this node.
+    fn saved_state(&self) -> Option<Files> {
+        None
+    }
+
+    /// Called at every tick of a stage that can be resumed. A host that wants the state now calls `save`.
+    fn offer_state(&self, _save: &dyn Fn() -> anyhow::Result<Files>) {}
 }
 
-/// Ctrl-C, seen at a tick: the node publishes nothing and the same command goes on from what is finished.
+/// The user pressed Ctrl-C, and the stage stopped at a tick. The node publishes nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Interrupted;
 
@@ -31,6 +41,7 @@ impl std::fmt::Display for Interrupted {
         f.write_str("interrupted")
     }
 }
+
 impl std::error::Error for Interrupted {}
 
 /// The context of one node while it runs.
@@ -66,8 +77,8 @@ impl<'a> StageCx<'a> {
         Self { record, task, threads, round, stream, host }
     }
 
-    /// A random stream for one purpose, such as `"init"` or `("batches", epoch)`: draws for one purpose never shift
-    /// those for another.
+    /// A random stream for one purpose, such as `"init"` or `("batches", epoch)`. Draws for one purpose never shift the
+    /// draws for another.
     pub fn rng(&self, purpose: impl Into<Purpose>) -> Rng {
         self.stream.rng(purpose.into())
     }
@@ -77,16 +88,40 @@ impl<'a> StageCx<'a> {
         self.stream.shared(purpose.into())
     }
 
-    /// A probe that records latent maps of known states without showing the states.
+    /// A probe that records the latent map of known states. The stage itself never gets the states.
     pub fn map_probe(&self) -> MapProbe {
         MapProbe::new(self.task)
     }
 
-    /// Reports progress.
+    /// The saved state of this node, or a fresh one.
+    ///
+    /// # Errors
+    /// Those of `fresh`. A saved state that cannot be read is reported to the user, and the stage starts afresh.
+    pub fn resume_or<S: StageState>(&self, fresh: impl FnOnce() -> anyhow::Result<S>) -> anyhow::Result<S> {
+        match self.host.saved_state().as_ref().map(S::load) {
+            Some(Ok(state)) => Ok(state),
+            Some(Err(error)) => {
+                self.say(&format!("the saved state cannot be read, so the stage starts afresh: {error:#}"));
+                fresh()
+            }
+            None => fresh(),
+        }
+    }
+
+    /// Reports progress, and offers the host the state. Nothing is written unless the host asks for it.
     ///
     /// # Errors
     /// [`Interrupted`] once the user asked to stop: pass it on with `?`.
-    pub fn tick(&mut self, done: u64, total: u64, note: &str) -> Result<(), Interrupted> {
+    pub fn tick<S: StageState>(&mut self, done: u64, total: u64, note: &str, state: &S) -> Result<(), Interrupted> {
+        self.host.offer_state(&|| state.save());
+        self.progress(done, total, note)
+    }
+
+    /// Reports progress of a stage that starts afresh after a stop.
+    ///
+    /// # Errors
+    /// [`Interrupted`] once the user asked to stop: pass it on with `?`.
+    pub fn progress(&mut self, done: u64, total: u64, note: &str) -> Result<(), Interrupted> {
         self.host.progress(done, total, note);
         if self.host.stop_asked() { Err(Interrupted) } else { Ok(()) }
     }
@@ -96,8 +131,14 @@ impl<'a> StageCx<'a> {
         self.host.metric(name, value);
     }
 
-    /// Tells the user something, such as a detector that fired.
+    /// Shows the user a sentence.
     pub fn say(&self, text: &str) {
         self.host.say(text);
+    }
+
+    /// Shows the user a sentence and writes it into the recording.
+    pub fn log(&mut self, at: At, level: Level, text: &str) {
+        self.record.log(at, level, text);
+        self.say(text);
     }
 }

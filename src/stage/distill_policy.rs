@@ -1,8 +1,11 @@
 //! Carries a policy from the old latent space into the new one (paper, equation "policy-distillation").
 
+mod state;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use self::state::Distillation;
 use super::{Preset, PresetOf, Refusal, Stage, StageCx, above_zero, inputs, within};
 use crate::{
     artifact::{TrainedModel, Transitions},
@@ -99,32 +102,36 @@ impl Stage for DistillPolicy {
         let teacher = &inputs.old_agent;
         let old = Codes::of(&inputs.old_model.model, &transitions);
         let new = Codes::of(&inputs.model.model, &transitions);
-        let mut student = student(params, teacher, &new, cx);
         let n = teacher.latent;
         let (observations, goals) = (new.data.len() / n, new.goals.len() / n);
         let batch = params.batch as usize;
+        let mut state = cx.resume_or(|| {
+            let student = student(params, teacher, &new, cx);
+            let adam = Adam::new(student.actor.arena.len());
+            Ok(Distillation { student, adam, rng: cx.rng("batches"), steps: 0, kl: 0.0 })
+        })?;
         let (mut old_inputs, mut new_inputs) = (vec![0.0; 2 * n * batch], vec![0.0; 2 * n * batch]);
-        let mut pass = Pass::new(&student.nets.actor.mlp, batch, 1);
-        let mut gradient = vec![0.0; student.actor.arena.len()];
-        let mut adam = Adam::new(gradient.len());
-        let mut rng = cx.rng("batches");
-        let mut kl = 0.0;
-        for step in 0..params.steps {
+        let mut pass = Pass::new(&state.student.nets.actor.mlp, batch, 1);
+        let mut gradient = vec![0.0; state.student.actor.arena.len()];
+        while state.steps < params.steps {
+            let Distillation { student, adam, rng, .. } = &mut state;
             for (old_input, new_input) in old_inputs.chunks_exact_mut(2 * n).zip(new_inputs.chunks_exact_mut(2 * n)) {
-                let which = sampling::index(&mut rng, observations);
-                let is_goal_image = f64::from(sampling::uniform(&mut rng, 0.0, 1.0)) >= params.relabel;
-                let goal = (is_goal_image, sampling::index(&mut rng, if is_goal_image { goals } else { observations }));
+                let which = sampling::index(rng, observations);
+                let is_goal_image = f64::from(sampling::uniform(rng, 0.0, 1.0)) >= params.relabel;
+                let goal = (is_goal_image, sampling::index(rng, if is_goal_image { goals } else { observations }));
                 teacher.input(&old.data[which * n..][..n], old.goal(goal), old_input);
                 student.input(&new.data[which * n..][..n], new.goal(goal), new_input);
             }
             let targets = teacher.gaussians(&teacher.acting, &old_inputs);
             let rate = params.learning_rate;
-            kl = distill::step(&mut student, &mut adam, rate, &mut pass, &mut gradient, (&new_inputs, &targets));
-            cx.record.scalars(topic::TRAIN_DISTILL, At::new(cx.round, 0, step), &[("kl", kl)]);
-            if step % 10 == 0 || step + 1 == params.steps {
-                cx.tick(step + 1, params.steps, &format!("KL {kl:.3}"))?;
+            state.kl = distill::step(student, adam, rate, &mut pass, &mut gradient, (&new_inputs, &targets));
+            cx.record.scalars(topic::TRAIN_DISTILL, At::new(cx.round, 0, state.steps), &[("kl", state.kl)]);
+            state.steps += 1;
+            if state.steps % 10 == 1 || state.steps == params.steps {
+                cx.tick(state.steps, params.steps, &format!("KL {:.3}", state.kl), &state)?;
             }
         }
+        let Distillation { mut student, kl, .. } = state;
         student.acting.clone_from(&student.actor.arena);
         cx.metric("kl", kl);
         Ok(student)

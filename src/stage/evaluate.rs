@@ -161,7 +161,7 @@ impl Stage for Evaluate {
             };
             record_trajectory(&*env, params, &goals[result.goal], number, &result, cx);
             results.push(result);
-            cx.tick(number as u64 + 1, params.episodes, "")?;
+            cx.progress(number as u64 + 1, params.episodes, "")?;
         }
         let mean = |of: fn(&EpisodeResult) -> f64| results.iter().map(of).sum::<f64>() / results.len() as f64;
         let (percent_goal, policy_alone) = (mean(|r| r.percent_goal), mean(|r| r.policy_alone));

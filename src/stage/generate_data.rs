@@ -87,7 +87,7 @@ impl Stage for GenerateData {
             if sample % 64 == 0 {
                 let at = At::new(cx.round, 0, sample);
                 cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, &now);
-                cx.tick(sample, params.samples, "")?;
+                cx.progress(sample, params.samples, "")?;
             }
             transitions.push(&now, &scaled, &after, goal);
             (before, state) = (state, next);

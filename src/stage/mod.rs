@@ -12,6 +12,7 @@ mod generate_data;
 mod inputs;
 mod networks;
 mod probe;
+mod state;
 mod summarize;
 mod train_lce;
 mod train_sac;
@@ -28,6 +29,7 @@ use crate::{
 pub use crate::env::Preset;
 pub use cx::{Host, Interrupted, StageCx};
 pub(crate) use inputs::inputs;
+pub use state::StageState;
 pub use inputs::{Arity, InputFiles, Inputs, Port, PortField, load_port};
 pub use networks::network_sizes;
 

@@ -1,25 +1,26 @@
 //! Learns the representation: encoder, dynamics, decoder and backward dynamics (paper, lines 3-7 of the CARL algorithm).
 
-mod lesson;
+mod attempt;
+mod curves;
+mod new_model;
 mod params;
+mod state;
+mod terms;
 
 use self::{
-    lesson::{Lesson, OwnedRegularizer},
-    params::{LossName, Params},
+    attempt::Lessons,
+    params::{Params, Slopes},
+    state::{Attempt, Training},
 };
-use super::{Stage, StageCx, inputs};
+use super::{Stage, StageCx, inputs, network_sizes};
 use crate::{
     artifact::{TrainedModel, Transitions},
-    control::{
-        Agent,
-        guidance::{LatentTransitions, Spread},
-        regularizer::PolicyRegularizer,
-    },
+    control::Agent,
     lce::{
         LceModel,
         map_checks::{self, MapChecks},
     },
-    record::{At, Level, topic},
+    record::Level,
 };
 
 inputs! {
@@ -48,129 +49,91 @@ impl Stage for TrainLce {
     type Output = TrainedModel;
 
     fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<TrainedModel> {
-        let transitions = Transitions::concat(&inputs.transitions)?;
-        let regularizer = l_reg(params, &inputs, &transitions);
-        let guidance = value_guided(params, &inputs, &transitions, cx)?;
-        let mut lesson = Lesson { params, transitions: &transitions, regularizer, guidance, epoch: 0, step: 0 };
-        let is_first_round = inputs.warm_start.is_none();
-        let mut trained = match inputs.warm_start.clone() {
-            Some(warm) => lesson.go_on(warm, cx)?,
-            None => lesson.begin(0, params.epochs, cx)?,
+        let transitions = &Transitions::concat(&inputs.transitions)?;
+        let lessons = Lessons {
+            params,
+            transitions,
+            regularizer: terms::l_reg(params, &inputs, transitions),
+            guidance: terms::value_guided(params, &inputs, transitions, cx)?,
+            has_warm_start: inputs.warm_start.is_some(),
         };
-        let mut found = judge(&trained.model, &transitions);
+        let mut training = cx.resume_or(|| match &inputs.warm_start {
+            Some(model) => Ok(Training::new(warm_start(params, model.clone())?)),
+            None => Ok(Training::new(new_model(0, params, transitions, cx)?)),
+        })?;
         let scale = params.warm_up.scale;
-        let (mut restarts, mut stays) = (0, 0);
-        while restarts < params.restarts
-            && let Some(fault) = found.fault(scale)
-        {
-            restarts += 1;
-            let again = format!("training begins again with other weights ({restarts} of {})", params.restarts);
-            warn(cx, lesson.now(cx.round), &format!("{fault}; {again}"));
-            let besides = if is_first_round { 0 } else { params.warm_up_epochs + params.ramp_epochs };
-            let other = lesson.begin(restarts, besides + params.epochs, cx)?;
-            let found_there = judge(&other.model, &transitions);
-            if found_there.score(scale) > found.score(scale) {
-                (trained, found, stays) = (other, found_there, restarts);
-            }
-        }
-        if restarts > stays {
-            let sentence = format!("the map of training {} of {} stays", stays + 1, restarts + 1);
-            warn(cx, lesson.now(cx.round), &sentence);
+        let (kept, checks) = loop {
+            let trained = lessons.train(&mut training, cx)?;
+            let attempt = Attempt { number: training.attempt, trained };
+            let (best, checks) = better_map(training.best.take(), attempt, transitions, scale);
+            let Some(fault) = checks.fault(scale).filter(|_| training.attempt < params.restarts) else {
+                break (best, checks);
+            };
+            let next = training.attempt + 1;
+            warn(cx, &training, &format!("{fault}; retraining from new weights ({next} of {})", params.restarts));
+            training.begin_again(best, new_model(next, params, transitions, cx)?);
+        };
+        if kept.number < training.attempt {
+            warn(cx, &training, &format!("kept attempt {} of {}", kept.number + 1, training.attempt + 1));
         }
         // The data of the first round lie far from the goals, so no goal is suspect yet.
-        trained.suspect_goals = if is_first_round { Vec::new() } else { found.suspect_goals() };
-        let goals = trained.suspect_goals.iter().map(|&goal| found.why_suspect(goal));
-        for sentence in found.fault(scale).into_iter().chain(goals) {
-            warn(cx, lesson.now(cx.round), &sentence);
+        let suspect_goals = if lessons.has_warm_start { checks.suspect_goals() } else { Vec::new() };
+        let why_suspect = suspect_goals.iter().map(|&goal| checks.why_suspect(goal));
+        for sentence in checks.fault(scale).into_iter().chain(why_suspect) {
+            warn(cx, &training, &sentence);
         }
-        cx.metric("restarts", restarts as f64);
-        cx.metric("code_spread", found.spread);
-        cx.metric("action_alignment", found.alignment);
-        cx.metric("goal_rank", found.goal_rank());
-        Ok(trained)
+        report(cx, training.attempt, &checks);
+        Ok(TrainedModel { suspect_goals, ..kept.trained })
     }
 }
 
-/// L_reg, where it has a weight and a policy under an old encoder.
-fn l_reg<'a>(params: &Params, inputs: &'a Inputs, transitions: &Transitions) -> Option<OwnedRegularizer<'a>> {
-    let (Some(old), Some(policy)) = (&inputs.warm_start, &inputs.policy) else { return None };
-    if params.lambda.regularizer == 0.0 {
-        return None;
-    }
-    let codes = old.model.encode_means(&old.model.pictures(&transitions.observations));
-    let regularizer = PolicyRegularizer::new(policy, &codes, &goal_codes(&old.model, transitions));
-    Some(Box::new(move |transition, z, weight, d_z| regularizer.at(transition, z, weight, d_z)))
+/// The model of the round before, with the passive dynamics of these parameters.
+fn warm_start(params: &Params, mut model: TrainedModel) -> anyhow::Result<TrainedModel> {
+    anyhow::ensure!(
+        model.model.sizes.jacobian_heads == (params.slopes == Slopes::Amortized),
+        "`slopes` differs from what the model of `warm_start` was trained with"
+    );
+    model.set_passive_dynamics(params.drift);
+    Ok(model)
 }
 
-/// Means of E(·|x_g) of every transition's goal.
-fn goal_codes(model: &LceModel, transitions: &Transitions) -> Vec<f32> {
-    let goals = model.encode_means(&model.pictures(&transitions.goals));
-    let n = model.sizes.latent;
-    transitions.goal_index.iter().flat_map(|&g| &goals[g as usize * n..][..n]).copied().collect()
-}
-
-/// Share of the transitions that value-guided weights should at least be worth.
-const FEW: f64 = 0.1;
-
-/// The weights of L_p and L_c in value-guided CARL, from the agent and the encoder of the round before.
-fn value_guided(
+/// A model with random weights, other ones in every attempt.
+fn new_model(
+    attempt: u64,
     params: &Params,
-    inputs: &Inputs,
     transitions: &Transitions,
-    cx: &mut StageCx<'_>,
-) -> anyhow::Result<Option<Vec<f32>>> {
-    let Some(agent) = &inputs.value else { return Ok(None) };
-    anyhow::ensure!(params.objective == LossName::ValueGuided, "the input `value` goes with `value_guided` alone");
-    let Some(old) = &inputs.warm_start else {
-        anyhow::bail!("the input `value` needs `warm_start`, where its codes are")
-    };
-    let model = &old.model;
-    let encode = |frames: &[u8]| model.encode(&model.pictures(frames));
-    let (now, next) = (encode(&transitions.observations), encode(&transitions.next_observations));
-    let goals = goal_codes(model, transitions);
-    let latent = LatentTransitions { now: &now, next: &next, actions: &transitions.actions, goals: &goals };
-    let errors = params.guidance.td_errors(agent, &latent, &mut cx.rng("guidance"));
-    let weights = params.guidance.weights(&errors);
-    record_guidance(cx, &errors, &weights);
-    Ok(Some(weights))
+    cx: &StageCx<'_>,
+) -> anyhow::Result<TrainedModel> {
+    let sizes = network_sizes(cx.task);
+    let mut model = new_model::random_model(params, transitions, sizes, &mut cx.rng(("weights", attempt)))?;
+    model.set_passive_dynamics(params.drift);
+    Ok(model)
 }
 
-/// How far the weights are from each other, and a word where few transitions have most of it.
-fn record_guidance(cx: &mut StageCx<'_>, errors: &[f32], weights: &[f32]) {
-    let spread = Spread::of(weights);
-    let mean = errors.iter().map(|&error| f64::from(error)).sum::<f64>() / errors.len() as f64;
-    let at = At::new(cx.round, 0, 0);
-    let effective = spread.effective_share * weights.len() as f64;
-    let curves = [
-        ("effective_samples", effective),
-        ("effective_share", spread.effective_share),
-        ("smallest_weight", spread.smallest),
-        ("largest_weight", spread.largest),
-        ("mean_td_error", mean),
-    ];
-    cx.record.scalars(topic::TRAIN_GUIDANCE, at, &curves);
-    cx.metric("effective_share", spread.effective_share);
-    cx.metric("largest_weight", spread.largest);
-    if spread.effective_share < FEW {
-        let sentence = format!(
-            "value-guided weights are worth {effective:.0} of {} transitions; a lower `guidance.temperature` spreads them",
-            weights.len()
-        );
-        warn(cx, at, &sentence);
-    }
+/// The attempt with the better map, and the checks of its map. The earlier attempt wins a tie.
+fn better_map(best: Option<Attempt>, new: Attempt, transitions: &Transitions, scale: f64) -> (Attempt, MapChecks) {
+    let new_checks = check_map(&new.trained.model, transitions);
+    let Some(best) = best else { return (new, new_checks) };
+    let checks = check_map(&best.trained.model, transitions);
+    if new_checks.score(scale) > checks.score(scale) { (new, new_checks) } else { (best, checks) }
 }
 
-/// Says a sentence in the recording and on the terminal.
-fn warn(cx: &mut StageCx<'_>, at: At, sentence: &str) {
-    cx.record.log(at, Level::Warning, sentence);
-    cx.say(sentence);
+/// Observations that the map checks read: the first ones, which come from random states.
+const CHECKED: usize = 1024;
+
+fn check_map(model: &LceModel, transitions: &Transitions) -> MapChecks {
+    let checked = transitions.len().min(CHECKED) * transitions.pixels();
+    let observations = model.pictures(&transitions.observations[..checked]);
+    map_checks::check(model, &observations, &model.pictures(&transitions.goals))
 }
 
-/// Images that the map checks use: the first ones, which come from all places.
-const JUDGED: usize = 1024;
+fn report(cx: &mut StageCx<'_>, restarts: u64, checks: &MapChecks) {
+    cx.metric("restarts", restarts as f64);
+    cx.metric("code_spread", checks.spread);
+    cx.metric("action_alignment", checks.alignment);
+    cx.metric("goal_rank", checks.goal_rank());
+}
 
-fn judge(model: &LceModel, transitions: &Transitions) -> MapChecks {
-    let judged = transitions.len().min(JUDGED) * transitions.pixels();
-    let pictures = model.pictures(&transitions.observations[..judged]);
-    map_checks::check(model, &pictures, &model.pictures(&transitions.goals))
+fn warn(cx: &mut StageCx<'_>, training: &Training, sentence: &str) {
+    cx.log(training.now(cx.round), Level::Warning, sentence);
 }

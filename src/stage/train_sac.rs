@@ -1,5 +1,7 @@
 //! Model-based soft actor-critic in the latent space (paper, "learning a latent space policy").
 
+mod state;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -9,8 +11,9 @@ use crate::{
     control::{
         Agent,
         agent::Whitening,
-        sac::{Codes, CriticActions, Learner, Reward, Sac, SacTrainer, Temperature},
+        sac::{Codes, CriticActions, Learner, Reward, Sac, SacTerms, SacTrainer, Temperature},
     },
+    lce::LceModel,
     num::math,
     record::{At, topic},
 };
@@ -148,35 +151,43 @@ impl Stage for TrainSac {
             actions: transitions.actions.clone(),
             goals: model.encode_means(&model.pictures(&transitions.goals)),
         };
-        let agent = inputs.start.unwrap_or_else(|| {
-            let n = model.sizes.latent;
-            let means: Vec<f32> = codes.data.chunks_exact(2 * n).flat_map(|code| &code[..n]).copied().collect();
-            let whitening = params.whiten.then(|| Whitening::of(&means, n));
-            let log_alpha = math::ln(params.first_temperature as f32);
-            Agent::new(n, model.sizes.action, whitening, log_alpha, &mut cx.rng("weights"))
-        });
-        let learner = Learner::new(agent, params.buffer as usize, cx.rng("updates"));
+        let learner = cx.resume_or(|| {
+            let agent = inputs.start.unwrap_or_else(|| random_agent(params, model, &codes, cx));
+            Ok(Learner::new(agent, params.buffer as usize, cx.rng("updates")))
+        })?;
         let mut trainer = SacTrainer::new(learner, model, &codes, params.sac());
-        for step in 0..params.steps {
+        while trainer.learner.steps < params.steps {
+            let step = trainer.learner.steps;
             let done = step as f64 / params.steps as f64;
             let terms = trainer.step(cx.threads.get(), 1.0 - (1.0 - params.last_pace) * done);
-            cx.record.scalars(
-                topic::TRAIN_SAC,
-                At::new(cx.round, 0, step),
-                &[
-                    ("critic_loss", terms.critic),
-                    ("actor_loss", terms.actor),
-                    ("value", terms.value),
-                    ("entropy", terms.entropy),
-                    ("temperature", terms.temperature),
-                ],
-            );
+            record(cx, step, &terms);
             if step % 25 == 0 || step + 1 == params.steps {
-                cx.tick(step + 1, params.steps, &format!("value {:.1}", terms.value))?;
+                let note = format!("value {:.1}", terms.value);
+                cx.tick(step + 1, params.steps, &note, &trainer.learner)?;
             }
         }
         Ok(trainer.learner.agent)
     }
+}
+
+/// An agent with random weights.
+fn random_agent(params: &Params, model: &LceModel, codes: &Codes, cx: &StageCx<'_>) -> Agent {
+    let n = model.sizes.latent;
+    let means: Vec<f32> = codes.data.chunks_exact(2 * n).flat_map(|code| &code[..n]).copied().collect();
+    let whitening = params.whiten.then(|| Whitening::of(&means, n));
+    let log_alpha = math::ln(params.first_temperature as f32);
+    Agent::new(n, model.sizes.action, whitening, log_alpha, &mut cx.rng("weights"))
+}
+
+fn record(cx: &mut StageCx<'_>, step: u64, terms: &SacTerms) {
+    let curves = [
+        ("critic_loss", terms.critic),
+        ("actor_loss", terms.actor),
+        ("value", terms.value),
+        ("entropy", terms.entropy),
+        ("temperature", terms.temperature),
+    ];
+    cx.record.scalars(topic::TRAIN_SAC, At::new(cx.round, 0, step), &curves);
 }
 
 impl Params {

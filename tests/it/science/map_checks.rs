@@ -70,7 +70,7 @@ fn the_soundest_of_the_maps_stays() {
         (0..3).map(|restarts| train(hardly_trained(restarts), &[("transitions", &[&data])], 2)).collect();
     for (restarts, (_, ear)) in runs.iter().enumerate() {
         assert_eq!((ear.metric_of("restarts"), ear.epochs()), (restarts as f64, 2 + 2 * restarts as u64));
-        assert_eq!(ear.heard("begins again"), restarts > 0);
+        assert_eq!(ear.heard("retraining from new weights"), restarts > 0);
     }
     for pair in runs.windows(2) {
         let [(before, spread_before), (after, spread_after)] =
@@ -96,7 +96,7 @@ fn a_collapsed_map_of_the_round_before_is_given_up() {
     assert_eq!((ear.metric_of("restarts"), ear.epochs()), (1.0, 1 + 120 + 1));
     let spread = [&warm, &ear].map(|ear| ear.metric_of("code_spread"));
     assert!(spread[1] > 20.0 * spread[0], "{spread:?}");
-    assert!(ear.heard("begins again") && !ear.heard("stays"));
+    assert!(ear.heard("retraining from new weights") && !ear.heard("kept attempt"));
     let suspect = |files: &Files| TrainedModel::load(files).unwrap().suspect_goals;
     assert_eq!(suspect(&files).is_empty(), ear.metric_of("goal_rank") <= 0.995, "{:?}", suspect(&files));
     assert!(suspect(&bad).is_empty(), "no goal is suspect in the first round");

@@ -10,5 +10,6 @@ mod gradients;
 mod instruction_sets;
 mod map_checks;
 mod pinned_digests;
+mod resume;
 mod stages_on_poles;
 mod states_stay_hidden;

@@ -62,7 +62,7 @@ impl ToyParams {
             std::thread::sleep(Duration::from_millis(10));
             value += f64::from(cx.rng(("step", step)).random_range(0..10_u32));
             cx.record.scalars("/value", At::new(cx.round, 0, step), &[("value", value)]);
-            cx.tick(step + 1, self.steps, &format!("value {value}"))?;
+            cx.progress(step + 1, self.steps, &format!("value {value}"))?;
         }
         if !self.fail.is_empty() {
             bail!("{}", self.fail);

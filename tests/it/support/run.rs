@@ -72,7 +72,7 @@ fn add(params: &Value, inputs: &InputFiles<'_>, cx: &mut StageCx<'_>) -> anyhow:
     }
     for done in 0..params["ticks"].as_u64().unwrap_or(0) {
         std::thread::sleep(Duration::from_millis(5));
-        cx.tick(done, 1000, "")?;
+        cx.progress(done, 1000, "")?;
     }
     let (behaviour, argument) = params["behaviour"].as_str().unwrap_or("").split_once(':').unwrap_or_default();
     match behaviour {

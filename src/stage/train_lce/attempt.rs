@@ -1,0 +1,119 @@
+//! One training attempt: from a new model or the model of the round before to a trained one, pass by pass.
+
+use super::{
+    curves,
+    params::{Params, Slopes},
+    state::Training,
+    terms::OwnedRegularizer,
+};
+use crate::{
+    artifact::{TrainedModel, Transitions},
+    lce::{
+        refit::refit,
+        trainer::{BATCH, Data},
+    },
+    nn::adam::AdamSettings,
+    num::sampling,
+    record::At,
+    stage::StageCx,
+};
+
+/// What every attempt learns from.
+pub(super) struct Lessons<'a> {
+    pub(super) params: &'a Params,
+    pub(super) transitions: &'a Transitions,
+    /// L_reg, the loss that keeps the old policy.
+    pub(super) regularizer: Option<OwnedRegularizer<'a>>,
+    /// Weights of the transitions in value-guided CARL.
+    pub(super) guidance: Option<Vec<f32>>,
+    /// Whether the first attempt starts from the model of the round before.
+    pub(super) has_warm_start: bool,
+}
+
+/// The passes of one attempt.
+struct Schedule {
+    epochs: u64,
+    /// Of these, passes with the anchored warm-up, at the beginning.
+    warm_up_epochs: u64,
+    /// Passes after the warm-up over which the consistency weight grows.
+    ramp_epochs: u64,
+}
+
+impl Schedule {
+    /// The passes of attempt number `attempt`, counted from 0. An attempt with a model of the round before needs no
+    /// warm-up. Where a new model replaces such an attempt, warm-up and ramp come on top of `epochs`.
+    fn of(lessons: &Lessons<'_>, attempt: u64) -> Self {
+        let &Params { epochs, warm_up_epochs, ramp_epochs, .. } = lessons.params;
+        match (lessons.has_warm_start, attempt) {
+            (true, 0) => Self { epochs, warm_up_epochs: 0, ramp_epochs: 0 },
+            (true, _) => Self { epochs: warm_up_epochs + ramp_epochs + epochs, warm_up_epochs, ramp_epochs },
+            (false, _) => Self { epochs, warm_up_epochs, ramp_epochs },
+        }
+    }
+}
+
+impl Lessons<'_> {
+    /// Trains the model of the current attempt to the end of its schedule.
+    pub(super) fn train(&self, state: &mut Training, cx: &mut StageCx<'_>) -> anyhow::Result<TrainedModel> {
+        let schedule = Schedule::of(self, state.attempt);
+        let data = self.transitions.data(&state.trainer.model);
+        let probe = cx.map_probe();
+        let earlier_epochs = state.all_epochs - state.epoch;
+        while state.epoch < schedule.epochs {
+            let loss = self.train_epoch(&schedule, &data, state, cx);
+            if state.epoch.is_multiple_of(self.params.map_every) || state.epoch + 1 == schedule.epochs {
+                let at = At::new(cx.round, state.all_epochs as u32, state.all_steps - 1);
+                probe.record(&state.trainer.model, cx.record, at);
+                curves::images(cx, at, self.transitions, &data, &state.trainer.model);
+            }
+            state.epoch += 1;
+            state.all_epochs += 1;
+            let note = format!("decoding {loss:.1} nats");
+            cx.tick(state.all_epochs, earlier_epochs + schedule.epochs, &note, state)?;
+        }
+        let mut trained = state.trained();
+        if self.params.refit_steps > 0 && self.params.slopes == Slopes::Exact {
+            let codes = trained.model.encode(&data.images);
+            let rng = &mut cx.rng(("refit", state.attempt));
+            let (steps, learning_rate) = (self.params.refit_steps, self.params.warm_up_learning_rate);
+            refit(&mut trained.model, &codes, &data.actions, steps, learning_rate, rng);
+        }
+        Ok(trained)
+    }
+
+    /// One pass over the transitions in random order. Gives the reconstruction loss of the last batch, in nats.
+    fn train_epoch(&self, schedule: &Schedule, data: &Data, state: &mut Training, cx: &mut StageCx<'_>) -> f64 {
+        let params = self.params;
+        let is_warm_up = state.epoch < schedule.warm_up_epochs;
+        let learning_rate = if is_warm_up { params.warm_up_learning_rate } else { params.learning_rate };
+        state.trainer.set_optimizer(AdamSettings { learning_rate, weight_decay: params.weight_decay });
+        state.trainer.set_dropout(if state.trainer.model.sizes.patches().is_some() { params.input_dropout } else { 0.0 });
+        let mut rng = cx.rng(("batches", state.attempt << 32 | state.epoch));
+        let order = sampling::shuffled(&mut rng, data.len());
+        let batches = order.len().div_ceil(BATCH) as u64;
+        let mut loss = 0.0;
+        for (batch, which) in order.chunks(BATCH).enumerate() {
+            let at = state.now(cx.round);
+            let threads = cx.threads.get();
+            if is_warm_up {
+                let decodes = state.epoch >= params.anchor_epochs;
+                let terms = state.trainer.warm_up_step(threads, data, which, &params.warm_up, decodes, &mut rng);
+                curves::warm_up(cx, at, &terms);
+                loss = terms.prediction;
+            } else {
+                let ramp_step = (state.epoch - schedule.warm_up_epochs) * batches + batch as u64;
+                let objective = params.objective_at(
+                    ramp_step,
+                    schedule.ramp_epochs * batches,
+                    self.regularizer.as_deref(),
+                    self.guidance.as_deref(),
+                );
+                let terms = state.trainer.step(threads, data, which, &objective, &mut rng);
+                curves::loss(cx, at, &terms, &objective.weights);
+                loss = terms.deterministic;
+            }
+            state.all_steps += 1;
+        }
+        loss
+    }
+}
