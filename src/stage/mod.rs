@@ -29,9 +29,9 @@ use crate::{
 pub use crate::env::Preset;
 pub use cx::{Host, Interrupted, StageCx};
 pub(crate) use inputs::inputs;
-pub use state::StageState;
 pub use inputs::{Arity, InputFiles, Inputs, Port, PortField, load_port};
 pub use networks::network_sizes;
+pub use state::StageState;
 
 /// One kind of stage: typed parameters and inputs in, one artifact out.
 ///

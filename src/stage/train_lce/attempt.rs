@@ -87,7 +87,11 @@ impl Lessons<'_> {
         let is_warm_up = state.epoch < schedule.warm_up_epochs;
         let learning_rate = if is_warm_up { params.warm_up_learning_rate } else { params.learning_rate };
         state.trainer.set_optimizer(AdamSettings { learning_rate, weight_decay: params.weight_decay });
-        state.trainer.set_dropout(if state.trainer.model.sizes.patches().is_some() { params.input_dropout } else { 0.0 });
+        state.trainer.set_dropout(if state.trainer.model.sizes.patches().is_some() {
+            params.input_dropout
+        } else {
+            0.0
+        });
         let mut rng = cx.rng(("batches", state.attempt << 32 | state.epoch));
         let order = sampling::shuffled(&mut rng, data.len());
         let batches = order.len().div_ceil(BATCH) as u64;

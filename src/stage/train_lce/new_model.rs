@@ -9,7 +9,12 @@ use crate::{
 };
 
 /// A model with random weights.
-pub(super) fn random_model(params: &Params, transitions: &Transitions, mut sizes: Sizes, rng: &mut Rng) -> anyhow::Result<TrainedModel> {
+pub(super) fn random_model(
+    params: &Params,
+    transitions: &Transitions,
+    mut sizes: Sizes,
+    rng: &mut Rng,
+) -> anyhow::Result<TrainedModel> {
     sizes.jacobian_heads = params.slopes == Slopes::Amortized;
     if params.networks == Networks::PooledPatches {
         let ((rows, columns), side) = (transitions.picture, params.square as usize);

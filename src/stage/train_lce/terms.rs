@@ -19,7 +19,11 @@ use crate::{
 pub(super) type OwnedRegularizer<'a> = Box<dyn Fn(usize, &[f32], f32, &mut [f32]) -> f32 + Sync + 'a>;
 
 /// L_reg, if it has a weight, and the inputs hold a policy and the encoder of the policy's latent space.
-pub(super) fn l_reg<'a>(params: &Params, inputs: &'a Inputs, transitions: &Transitions) -> Option<OwnedRegularizer<'a>> {
+pub(super) fn l_reg<'a>(
+    params: &Params,
+    inputs: &'a Inputs,
+    transitions: &Transitions,
+) -> Option<OwnedRegularizer<'a>> {
     let (Some(old), Some(policy)) = (&inputs.warm_start, &inputs.policy) else { return None };
     if params.lambda.regularizer == 0.0 {
         return None;
