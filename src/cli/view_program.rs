@@ -5,11 +5,10 @@
 use std::{
     env,
     ffi::OsStr,
+    os::unix::fs::PermissionsExt as _,
     path::{Path, PathBuf},
     process::{Command, Stdio},
 };
-
-use rustix::fs::{Access, access};
 
 use super::exit::{Error, Exit};
 
@@ -27,11 +26,8 @@ pub(crate) fn find() -> Result<PathBuf, Error> {
     let beside = env::current_exe().ok().and_then(|program| program.parent().map(Path::to_owned));
     let build = build_command(beside.as_deref());
     let path = env::var_os("PATH").unwrap_or_default();
-    let program = beside
-        .into_iter()
-        .chain(env::split_paths(&path))
-        .map(|folder| folder.join(NAME))
-        .find(|file| file.is_file() && access(file, Access::EXEC_OK).is_ok());
+    let program =
+        beside.into_iter().chain(env::split_paths(&path)).map(|folder| folder.join(NAME)).find(|file| is_program(file));
     let Some(program) = program else {
         let text = format!("the view needs the program `{NAME}`, which is neither beside `carl-pipe` nor on the PATH");
         return Err(Error::new(Exit::Store, text).help(format!("build it with `{build}`")));
@@ -39,6 +35,11 @@ pub(crate) fn find() -> Result<PathBuf, Error> {
     check_version(&program)
         .map_err(|text| Error::new(Exit::Store, text).help(format!("build it again with `{build}`")))?;
     Ok(program)
+}
+
+/// True for a file that somebody may execute.
+fn is_program(file: &Path) -> bool {
+    file.metadata().is_ok_and(|metadata| metadata.is_file() && metadata.permissions().mode() & 0o111 != 0)
 }
 
 /// Refuses a program of another version, which may read events and recordings differently.
