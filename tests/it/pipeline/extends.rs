@@ -171,7 +171,7 @@ fn mistakes_stand_in_the_file_that_they_were_written_in() {
         text += &format!("## {name}\n{rendered}\n");
     }
     let path = "tests/it/pipeline/mistakes/extends.txt";
-    if std::env::var_os("CARL_ACCEPT").is_some() {
+    if std::env::var_os("UPDATE_SNAPSHOTS").is_some() {
         fs::write(path, &text).unwrap();
     }
     assert!(text == fs::read_to_string(path).unwrap_or_default(), "{path} differs; now it is:\n{text}");

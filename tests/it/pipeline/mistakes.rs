@@ -1,6 +1,6 @@
 //! Every mistake a pipeline file or an argument can hold, as the user sees it: compared with `tests/it/pipeline/mistakes/`.
 //!
-//! `CARL_ACCEPT=1 cargo test --test it pipeline::mistakes` writes those files anew; read the difference before you commit.
+//! `UPDATE_SNAPSHOTS=1 cargo test --test it pipeline::mistakes` writes those files anew; read the difference before you commit.
 
 use std::{fmt::Write as _, fs, path::Path};
 
@@ -21,7 +21,7 @@ fn expect(topic: &str, cases: &[(&str, String)]) {
         _ = writeln!(text, "## {name}\n{}", rendered);
     }
     let path = Path::new("tests/it/pipeline/mistakes").join(format!("{topic}.txt"));
-    if std::env::var_os("CARL_ACCEPT").is_some() {
+    if std::env::var_os("UPDATE_SNAPSHOTS").is_some() {
         fs::create_dir_all("tests/it/pipeline/mistakes").unwrap();
         fs::write(&path, &text).unwrap();
     }

@@ -1,6 +1,6 @@
 //! How a pipeline and the kinds are shown: compared with `tests/it/pipeline/render/`.
 //!
-//! `CARL_ACCEPT=1 cargo test --test it pipeline::render` writes those files anew; read the difference before you commit.
+//! `UPDATE_SNAPSHOTS=1 cargo test --test it pipeline::render` writes those files anew; read the difference before you commit.
 
 use std::{fs, path::Path};
 
@@ -12,7 +12,7 @@ use carl_pipe::{
 
 fn expect(name: &str, text: &str) {
     let path = Path::new("tests/it/pipeline/render").join(name);
-    if std::env::var_os("CARL_ACCEPT").is_some() {
+    if std::env::var_os("UPDATE_SNAPSHOTS").is_some() {
         fs::create_dir_all("tests/it/pipeline/render").unwrap();
         fs::write(&path, text).unwrap();
     }

@@ -53,7 +53,7 @@ fn every_file_is_named_as_its_pipeline_and_plans() {
 }
 
 /// A pipeline file may be written in another way, but it asks for the same work: every node has the same parameters, task,
-/// stream and inputs. Versions of kinds are left out, since they may rise. `CARL_ACCEPT=1` writes the digests anew. Do so
+/// stream and inputs. Versions of kinds are left out, since they may rise. `UPDATE_SNAPSHOTS=1` writes the digests anew. Do so
 /// only where results change on purpose.
 #[test]
 fn every_file_asks_for_the_same_work_as_before() {
@@ -76,7 +76,7 @@ fn every_file_asks_for_the_same_work_as_before() {
         lines += &format!("{name}: {} nodes, {digest}\n", graph.nodes.len());
     }
     let path = "tests/it/pipeline/shipped_keys.txt";
-    if std::env::var_os("CARL_ACCEPT").is_some() {
+    if std::env::var_os("UPDATE_SNAPSHOTS").is_some() {
         fs::write(path, &lines).unwrap();
     }
     assert_eq!(lines, fs::read_to_string(path).unwrap_or_default());
