@@ -1,13 +1,11 @@
 //! `carl-pipe compare`: shows what differs between two runs: parameters, metrics with their uncertainty, outputs.
 
-use std::path::Path;
-
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{
     Global,
     exit::{Error, Exit},
-    out::{self, Paint},
+    out,
 };
 use crate::{
     num::stats::Difference,
@@ -16,7 +14,6 @@ use crate::{
         numbers::{mean, number},
         outcomes::outcomes,
     },
-    run::{manifest::Manifest, runs},
     stage::Kind,
 };
 
@@ -56,8 +53,7 @@ struct Head {
 /// Compares two runs.
 pub(crate) fn compare(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit, Error> {
     let store = global.store()?;
-    let all = global.runs();
-    let manifests = [read(&all, &args.before)?, read(&all, &args.after)?];
+    let manifests = [global.manifest(&args.before)?, global.manifest(&args.after)?];
     let heads = manifests.each_ref().map(|it| Head {
         run: it.run.clone(),
         pipeline: it.pipeline.clone(),
@@ -67,27 +63,25 @@ pub(crate) fn compare(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Ex
     let metric = args.metric.clone().unwrap_or_else(|| headline().to_owned());
     let found = comparison(manifests, &metric, &store, kinds)?;
     if args.json {
-        let mut object = json!(found);
-        let [before, after] = &heads;
-        let head = [("version", json!(1)), ("before", json!(before.run)), ("after", json!(after.run))];
-        head.into_iter().for_each(|(name, value)| object[name] = value);
-        object["metric"] = json!(metric);
-        out::line(&object.to_string());
+        out::json(&json_of(&heads, &found, &metric));
     } else {
-        print(&heads, &found, &metric, global.color.on_stdout());
+        print(&heads, &found, &metric);
     }
     Ok(Exit::Ok)
 }
 
-fn read(all: &Path, run: &str) -> Result<Manifest, Error> {
-    let folder = runs::find(all, run).map_err(|error| Error::usage(error.to_string()))?;
-    Ok(Manifest::read(&folder)?)
+fn json_of([before, after]: &[Head; 2], found: &Comparison, metric: &str) -> Value {
+    let mut object = json!(found);
+    let head = [("version", json!(1)), ("before", json!(before.run)), ("after", json!(after.run))];
+    head.into_iter().for_each(|(name, value)| object[name] = value);
+    object["metric"] = json!(metric);
+    object
 }
 
-fn print(heads: &[Head; 2], found: &Comparison, metric: &str, paint: Paint) {
+fn print(heads: &[Head; 2], found: &Comparison, metric: &str) {
     for (word, head) in ["before", "after"].into_iter().zip(heads) {
         let commit = head.commit.as_ref().map_or_else(String::new, |commit| format!(", commit {commit}"));
-        out::line(&format!("{word:6} {} {}{commit}", head.run, paint.bold(&head.pipeline)));
+        out::line(&format!("{word:6} {} {}{commit}", head.run, out::bold(&head.pipeline)));
     }
     let mut rows = Vec::new();
     for Changed { stage, change, rounds } in &found.parameters {
@@ -95,29 +89,29 @@ fn print(heads: &[Head; 2], found: &Comparison, metric: &str, paint: Paint) {
     }
     rows.extend(found.only_before.iter().map(|stage| vec![format!("  {stage}"), "only before".to_owned()]));
     rows.extend(found.only_after.iter().map(|stage| vec![format!("  {stage}"), "only after".to_owned()]));
-    out::line(&format!("\n{}", paint.bold(if rows.is_empty() { "parameters are equal" } else { "parameters" })));
+    out::line(&format!("\n{}", out::bold(if rows.is_empty() { "parameters are equal" } else { "parameters" })));
     out::print(&out::table(&rows));
-    let rows: Vec<Vec<String>> = found.metrics.iter().map(|metric| metric_row(metric, paint)).collect();
+    let rows: Vec<Vec<String>> = found.metrics.iter().map(|metric| metric_row(metric)).collect();
     let title = if rows.is_empty() { "no stage measured it in both runs" } else { "mean ± standard error (models)" };
-    out::line(&format!("\n{}", paint.bold(&format!("{metric}: {title}"))));
+    out::line(&format!("\n{}", out::bold(&format!("{metric}: {title}"))));
     out::print(&out::table(&rows));
     let Outputs { equal, differ, unfinished } = &found.outputs;
     let first = differ.first().map_or_else(String::new, |node| format!(", first {node}"));
     let left = if *unfinished > 0 { format!(", {unfinished} not finished in both") } else { String::new() };
-    out::line(&format!("\n{} {equal} equal, {} differ{first}{left}", paint.bold("outputs:"), differ.len()));
+    out::line(&format!("\n{} {equal} equal, {} differ{first}{left}", out::bold("outputs:"), differ.len()));
 }
 
-fn metric_row(metric: &Metric, paint: Paint) -> Vec<String> {
-    let difference = metric.difference.as_ref().map_or_else(String::new, |it| difference(it, paint));
+fn metric_row(metric: &Metric) -> Vec<String> {
+    let difference = metric.difference.as_ref().map_or_else(String::new, |it| difference(it));
     let name = format!("  {}/{}", metric.pipeline, metric.stage);
     vec![name, mean(&metric.before), "->".to_owned(), mean(&metric.after), difference]
 }
 
-fn difference(it: &Difference, paint: Paint) -> String {
+fn difference(it: &Difference) -> String {
     let interval = it.ci95.map_or_else(String::new, |[low, high]| {
         let text = format!(", 95 % interval {} to {}", signed(low), signed(high));
         // Bold marks an interval without zero.
-        if low > 0.0 || high < 0.0 { paint.bold(&text) } else { text }
+        if low > 0.0 || high < 0.0 { out::bold(&text) } else { text }
     });
     let pairs = match it.pairs {
         Some(1) => ", 1 pair of models".to_owned(),

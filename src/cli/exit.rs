@@ -1,8 +1,8 @@
-//! How the program ends: a documented code, and an error in one shape.
+//! Exit codes, and the one shape of errors.
 
-use crate::store;
+use crate::{run::runs, store};
 
-/// The exit codes.
+/// The exit code of the program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(crate) enum Exit {
@@ -17,11 +17,12 @@ pub(crate) enum Exit {
     Interrupted = 130,
 }
 
-/// Ends of the help text that say what the codes mean.
-pub(crate) const CODES: &str = "Exit codes: 0 ok, 1 a stage failed, 2 usage, 3 pipeline file invalid, 4 store or system \
-error, 6 replay differs, 7 store busy, 10 status: stale, 130 interrupted (run the same command again)";
+/// The meaning of the exit codes, for the end of the help text.
+pub(crate) const CODES: &str = "Exit codes: 0 success, 1 a stage failed, 2 wrong usage, 3 invalid pipeline file, \
+4 error of the store or the system, 6 the replay differs, 7 the store is busy, 10 a node is stale (`status`), \
+130 interrupted (the same command continues the run)";
 
-/// What stops the program: a clause, and perhaps the next step.
+/// An error that ends the program, and the next step for the user if there is one.
 #[derive(Debug)]
 pub(crate) struct Error {
     pub(crate) exit: Exit,
@@ -29,12 +30,12 @@ pub(crate) struct Error {
     pub(crate) help: Option<String>,
 }
 
-/// How the text of an error is made.
+/// The text of an error.
 #[derive(Debug)]
 pub(crate) enum Message {
     /// A lower-case clause.
     Clause(String),
-    /// Several mistakes, already underlined.
+    /// Mistakes in a pipeline file, rendered with their places.
     Rendered(String),
 }
 
@@ -53,7 +54,7 @@ impl Error {
     }
 }
 
-/// An error of the engine is a fault of the store or the system.
+/// An untyped error comes from the store or the system.
 impl From<anyhow::Error> for Error {
     fn from(error: anyhow::Error) -> Self {
         Self::new(Exit::Store, format!("{error:#}"))
@@ -67,5 +68,14 @@ impl From<store::Error> for Error {
             store::Error::OtherFormat { .. } | store::Error::Unusable { .. } | store::Error::Io { .. } => Exit::Store,
         };
         Self::new(exit, format!("{:#}", anyhow::Error::from(error)))
+    }
+}
+
+impl From<runs::FindError> for Error {
+    fn from(error: runs::FindError) -> Self {
+        match error {
+            runs::FindError::Unreadable(error) => error.into(),
+            _ => Self::usage(error.to_string()),
+        }
     }
 }

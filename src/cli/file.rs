@@ -1,13 +1,15 @@
-//! Reads the pipeline that a verb names, and picks nodes out of it.
+//! Reads the pipeline file that a verb names, and selects nodes of its graph.
 
 use std::{
     fs,
     path::{Path, PathBuf},
 };
 
+use serde_json::json;
+
 use super::{
     exit::{Error, Exit, Message},
-    out::{self, Colour},
+    out,
 };
 use crate::{
     diag::nearest,
@@ -16,7 +18,7 @@ use crate::{
     stage::Kind,
 };
 
-/// The pipeline file and what the command line changes in it.
+/// The pipeline file and its overrides on the command line.
 #[derive(Debug, clap::Args)]
 pub(crate) struct PipelineArgs {
     /// The pipeline file.
@@ -26,32 +28,26 @@ pub(crate) struct PipelineArgs {
     pub(crate) changes: ChangeArgs,
 }
 
-/// What the command line changes in a pipeline file.
+/// The overrides of a pipeline file on the command line.
 #[derive(Debug, clap::Args)]
 pub(crate) struct ChangeArgs {
-    /// Change a value of the file, such as `represent.epochs=20` or `seed=1`; may be given again.
+    /// Override a value of the file, such as `represent.epochs=20` or `seed=1`; repeatable.
     #[arg(short = 'S', long = "set", value_name = "PATH=VALUE")]
     set: Vec<String>,
-    /// Run for each of several values, such as `seed=0..5` or `represent.lambda.consistency=7,11`.
+    /// Run once for each value, such as `seed=0..5` or `represent.lambda.consistency=7,11`; repeatable.
     #[arg(long, value_name = "PATH=VALUES")]
     sweep: Vec<String>,
 }
 
-/// A pipeline, read.
+/// A pipeline file that was read: its text and its graph.
 #[derive(Debug)]
 pub(crate) struct Loaded {
     pub(crate) text: String,
     pub(crate) graph: Graph,
 }
 
-/// Reads a pipeline file.
-pub(crate) fn load(
-    path: &Path,
-    changes: &ChangeArgs,
-    kinds: &'static [Kind],
-    colour: Colour,
-    json: bool,
-) -> Result<Loaded, Error> {
+/// Reads a pipeline file. Mistakes in the file go to standard output too if `json` is true.
+pub(crate) fn load(path: &Path, changes: &ChangeArgs, kinds: &'static [Kind], json: bool) -> Result<Loaded, Error> {
     let shown = path.display().to_string();
     let bytes = fs::read(path).map_err(|error| unreadable(path, &error))?;
     let overrides = Overrides { set: changes.set.clone(), sweep: changes.sweep.clone() };
@@ -66,9 +62,9 @@ pub(crate) fn load(
         Ok(graph) => Ok(Loaded { text: String::from_utf8_lossy(&source.bytes).into_owned(), graph }),
         Err(mistakes) => {
             if json {
-                out::line(&serde_json::json!({"version": 1, "mistakes": mistakes.to_json()}).to_string());
+                out::json(&json!({"version": 1, "mistakes": mistakes.to_json()}));
             }
-            let text = Message::Rendered(mistakes.render(colour.on_stderr().0));
+            let text = Message::Rendered(mistakes.render(true));
             Err(Error { exit: Exit::PipelineInvalid, text, help: None })
         }
     }
@@ -76,27 +72,30 @@ pub(crate) fn load(
 
 fn unreadable(path: &Path, error: &std::io::Error) -> Error {
     let failure = Error::usage(format!("cannot read pipeline {}: {error}", path.display()));
-    let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let there = fs::read_dir("pipelines").into_iter().flatten().flatten().map(|item| item.path());
-    let files: Vec<PathBuf> = there.filter(|path| path.extension().is_some_and(|ext| ext == "toml")).collect();
-    let stems: Vec<String> =
-        files.iter().map(|path| path.file_stem().unwrap_or_default().to_string_lossy().into_owned()).collect();
-    match nearest(&name, stems.iter().map(String::as_str)) {
-        Some(stem) => failure.help(format!("did you mean `pipelines/{stem}.toml`?")),
-        None if files.is_empty() => failure,
-        None => failure.help(format!(
-            "there are {}",
-            stems.iter().map(|stem| format!("`pipelines/{stem}.toml`")).collect::<Vec<_>>().join(", ")
-        )),
+    let files = fs::read_dir("pipelines").into_iter().flatten().flatten().map(|item| item.path());
+    let known: Vec<String> =
+        files.filter(|file| file.extension().is_some_and(|ext| ext == "toml")).map(|file| stem(&file)).collect();
+    if let Some(near) = nearest(&stem(path), known.iter().map(String::as_str)) {
+        return failure.help(format!("did you mean `pipelines/{near}.toml`?"));
     }
+    if known.is_empty() {
+        return failure;
+    }
+    let known: Vec<String> = known.iter().map(|stem| format!("`pipelines/{stem}.toml`")).collect();
+    failure.help(format!("pipelines: {}", known.join(", ")))
 }
 
-/// The nodes that targets name, with all that they need.
+/// The name of a file without its ending.
+fn stem(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// The nodes that the targets name and the nodes that these need. The result has one flag for each node of the graph.
 pub(crate) fn pick(graph: &Graph, targets: &[String]) -> Result<Vec<bool>, Error> {
     select(graph, targets).map_err(|unknown| no_such_node(graph, &unknown))
 }
 
-/// A name that is neither a stage nor a node.
+/// The error for a name that is neither a stage nor a node.
 pub(crate) fn no_such_node(graph: &Graph, unknown: &str) -> Error {
     let failure = Error::usage(format!("`{}` has no stage or node `{unknown}`", graph.name));
     let members = graph.members.iter().map(|member| member.name.as_str());

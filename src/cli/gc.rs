@@ -1,4 +1,6 @@
-//! `carl-pipe gc`: removes what no kept run names.
+//! `carl-pipe gc`: deletes old runs and the results that no kept run uses.
+
+use serde_json::json;
 
 use super::{
     Global,
@@ -10,23 +12,23 @@ use crate::{run::gc::clean, store::LocalStore};
 /// The arguments of `gc`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Keep the newest N runs and everything they name.
+    /// Keep the newest N runs and all results that they use.
     #[arg(long, value_name = "N", default_value_t = 10)]
     keep: usize,
-    /// Only say what would be removed.
+    /// Only show what would be removed.
     #[arg(short = 'n', long)]
     dry_run: bool,
-    /// One JSON object.
+    /// Print one JSON object.
     #[arg(long)]
     json: bool,
 }
 
-/// Cleans the store.
+/// Removes old runs and results. No run may be in progress.
 pub(crate) fn gc(global: &Global, args: &Args) -> Result<Exit, Error> {
     let store = LocalStore::open_alone(&global.artifacts)?;
     let cleaned = clean(&store, &global.runs(), args.keep, args.dry_run)?;
     if args.json {
-        out::line(&serde_json::json!({"version": 1, "dry_run": args.dry_run, "removed": cleaned}).to_string());
+        out::json(&json!({"version": 1, "dry_run": args.dry_run, "removed": cleaned}));
         return Ok(Exit::Ok);
     }
     let word = if args.dry_run { "would remove" } else { "removed" };

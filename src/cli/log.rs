@@ -1,13 +1,13 @@
-//! `carl-pipe log` and `carl-pipe show`: the runs there are, and what one of them made.
+//! `carl-pipe log` lists runs. `carl-pipe show` prints the results of one run.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{
     Global,
     exit::{Error, Exit},
-    out::{self, Paint, duration},
+    out::{self, duration},
 };
 use crate::{
     node_name::without_member,
@@ -24,10 +24,10 @@ use crate::{
 /// The arguments of `log`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// How many.
+    /// The largest number of runs to list.
     #[arg(short = 'n', long, value_name = "N", default_value_t = 20)]
     number: usize,
-    /// One JSON object per run.
+    /// Print one JSON object for each run.
     #[arg(long)]
     json: bool,
 }
@@ -38,41 +38,27 @@ pub(crate) struct ShowArgs {
     /// The run: `latest`, its id, or the beginning of its id.
     #[arg(value_name = "RUN", default_value = "latest")]
     run: String,
-    /// Only this stage or node, with its parameters and files.
+    /// Show only this stage or node, with its parameters and files.
     #[arg(value_name = "NODE")]
     node: Option<String>,
-    /// The manifest.
+    /// Print the manifest as JSON.
     #[arg(long)]
     json: bool,
 }
 
-/// More nodes than this are shown by stage.
+/// With more nodes than this, the table has one row for each stage.
 const ROWS: usize = 100;
 
 /// Lists runs.
 pub(crate) fn log(global: &Global, args: &Args) -> Result<Exit, Error> {
     let all = global.runs();
-    let paint = global.color.on_stdout();
     let mut rows = Vec::new();
     for manifest in runs::manifests(&all).take(args.number) {
-        let count = |state| manifest.nodes.iter().filter(|node| node.outcome.state == state).count();
-        let (ran, cached) = (count(NodeState::Ran), count(NodeState::Cached));
-        let state = state(&manifest, runs::is_alive(&all.join(&manifest.run)));
+        let listed = Listed::new(&manifest, &all);
         if args.json {
-            let object = json!({
-                "version": 1, "run": manifest.run, "pipeline": manifest.pipeline, "started": manifest.started,
-                "state": state, "executed": ran, "cached": cached, "nodes": manifest.nodes.len(),
-                "wall_secs": manifest.wall_secs, "argv": manifest.argv,
-            });
-            out::line(&object.to_string());
+            out::json(&listed.json());
         } else {
-            rows.push(vec![
-                manifest.run.clone(),
-                manifest.pipeline.clone(),
-                painted(state, paint),
-                format!("{ran} ran, {cached} cached of {}", manifest.nodes.len()),
-                duration(manifest.wall_secs),
-            ]);
+            rows.push(listed.row());
         }
     }
     if rows.is_empty() && !args.json {
@@ -82,9 +68,46 @@ pub(crate) fn log(global: &Global, args: &Args) -> Result<Exit, Error> {
     Ok(Exit::Ok)
 }
 
-fn state(manifest: &Manifest, is_alive: bool) -> &'static str {
+/// A run in the list.
+struct Listed<'a> {
+    manifest: &'a Manifest,
+    state: &'static str,
+    ran: usize,
+    cached: usize,
+}
+
+impl<'a> Listed<'a> {
+    fn new(manifest: &'a Manifest, runs: &Path) -> Self {
+        let count = |state| manifest.nodes.iter().filter(|node| node.outcome.state == state).count();
+        let state = state(manifest, &runs.join(&manifest.run));
+        Self { manifest, state, ran: count(NodeState::Ran), cached: count(NodeState::Cached) }
+    }
+
+    fn json(&self) -> Value {
+        let manifest = self.manifest;
+        json!({
+            "version": 1, "run": manifest.run, "pipeline": manifest.pipeline, "started": manifest.started,
+            "state": self.state, "executed": self.ran, "cached": self.cached, "nodes": manifest.nodes.len(),
+            "wall_secs": manifest.wall_secs, "argv": manifest.argv,
+        })
+    }
+
+    fn row(&self) -> Vec<String> {
+        let manifest = self.manifest;
+        vec![
+            manifest.run.clone(),
+            manifest.pipeline.clone(),
+            coloured(self.state),
+            format!("{} ran, {} cached of {}", self.ran, self.cached, manifest.nodes.len()),
+            duration(manifest.wall_secs),
+        ]
+    }
+}
+
+/// The state of a run. A run whose process died without an end is `killed`.
+fn state(manifest: &Manifest, run_dir: &Path) -> &'static str {
     match manifest.state {
-        RunState::Running if is_alive => "running",
+        RunState::Running if runs::is_alive(run_dir) => "running",
         RunState::Running => "killed",
         RunState::Finished => "finished",
         RunState::Failed => "failed",
@@ -92,41 +115,61 @@ fn state(manifest: &Manifest, is_alive: bool) -> &'static str {
     }
 }
 
-fn painted(state: &str, paint: Paint) -> String {
+fn coloured(state: &str) -> String {
     match state {
-        "finished" => paint.green(state),
-        "failed" | "killed" => paint.red(state),
-        _ => paint.yellow(state),
+        "finished" => out::green(state),
+        "failed" | "killed" => out::red(state),
+        _ => out::yellow(state),
     }
 }
 
 /// Shows a run.
 pub(crate) fn show(global: &Global, args: &ShowArgs) -> Result<Exit, Error> {
-    let all = global.runs();
-    let run_dir = runs::find(&all, &args.run).map_err(|error| Error::usage(error.to_string()))?;
-    let manifest = Manifest::read(&run_dir)?;
-    let is_named = |node: &NodeRecord, name: &str| {
+    let manifest = global.manifest(&args.run)?;
+    let nodes = named(&manifest, args.node.as_deref())?;
+    if args.json {
+        out::json(&if args.node.is_some() { json!(nodes) } else { json!(manifest) });
+        return Ok(Exit::Ok);
+    }
+    print_head(&manifest, state(&manifest, &global.runs().join(&manifest.run)));
+    if nodes.len() > ROWS && !global.verbose {
+        out::print(&out::table(&by_stage(&nodes)));
+        out::line(&out::dim("to list every node, add -v or name a stage or a member of a suite"));
+        return Ok(Exit::Ok);
+    }
+    out::print(&out::table(&nodes.iter().map(|node| row(node)).collect::<Vec<_>>()));
+    if args.node.is_some() {
+        let store = global.store()?;
+        for node in &nodes {
+            out::line(&format!("\n{} {}", out::bold(&node.about.name), node.about.work.params));
+            out::print(&out::table(&files(&store, node)?));
+        }
+    }
+    Ok(Exit::Ok)
+}
+
+/// The nodes with this name: of a node, of a stage or of a member of a suite. All nodes if there is no name.
+fn named<'a>(manifest: &'a Manifest, name: Option<&str>) -> Result<Vec<&'a NodeRecord>, Error> {
+    let Some(name) = name else { return Ok(manifest.nodes.iter().collect()) };
+    let is_named = |node: &&NodeRecord| {
         let member = &manifest.members[node.about.member].name;
         node.about.name == name
             || node.about.stage == name
             || without_member(&node.about.stage) == name
             || (!member.is_empty() && member == name)
     };
-    let wanted = |node: &&NodeRecord| args.node.as_ref().is_none_or(|name| is_named(node, name));
-    let nodes: Vec<&NodeRecord> = manifest.nodes.iter().filter(wanted).collect();
-    if let (Some(name), []) = (&args.node, &nodes[..]) {
+    let nodes: Vec<&NodeRecord> = manifest.nodes.iter().filter(is_named).collect();
+    if nodes.is_empty() {
         return Err(Error::usage(format!("run {} has no stage or node `{name}`", manifest.run)));
     }
-    if args.json {
-        let value = if args.node.is_some() { json!(nodes) } else { json!(manifest) };
-        out::line(&value.to_string());
-        return Ok(Exit::Ok);
-    }
-    let paint = global.color.on_stdout();
-    let state = state(&manifest, runs::is_alive(&run_dir));
-    out::line(&format!("{} {}  {}", paint.bold(&manifest.pipeline), manifest.run, painted(state, paint)));
+    Ok(nodes)
+}
+
+/// Prints what is known of a run as a whole.
+fn print_head(manifest: &Manifest, state: &str) {
+    out::line(&format!("{} {}  {}", out::bold(&manifest.pipeline), manifest.run, coloured(state)));
     out::line(&format!(
-        "started {} on {} ({} cores), took {}, {:.2}% of node time in recorders",
+        "started {} on {} ({} cores), took {}, recording took {:.2}% of the nodes' time",
         manifest.started,
         manifest.host.name,
         manifest.host.cores,
@@ -137,22 +180,9 @@ pub(crate) fn show(global: &Global, args: &ShowArgs) -> Result<Exit, Error> {
     if let Some(commit) = &manifest.commit {
         out::line(&format!("carl-pipe {} of commit {commit}", manifest.carl_pipe));
     }
-    let is_long = nodes.len() > ROWS && !global.verbose;
-    let rows = if is_long { by_stage(&nodes) } else { nodes.iter().map(|node| row(node)).collect() };
-    out::print(&out::table(&rows));
-    if is_long {
-        out::line(&paint.dim("every node: with -v, or name a stage or a member of a suite"));
-    } else if args.node.is_some() {
-        let store = global.store()?;
-        for node in &nodes {
-            out::line(&format!("\n{} {}", paint.bold(&node.about.name), node.about.work.params));
-            out::print(&out::table(&files(&store, node)?));
-        }
-    }
-    Ok(Exit::Ok)
 }
 
-/// A row for each stage, with how many of its nodes ended how.
+/// A row for each stage, with the number of its nodes in each state.
 fn by_stage(nodes: &[&NodeRecord]) -> Vec<Vec<String>> {
     let row = |(stage, own): &(&str, Vec<&NodeRecord>)| {
         let mut counts: BTreeMap<String, usize> = BTreeMap::new();
@@ -164,6 +194,7 @@ fn by_stage(nodes: &[&NodeRecord]) -> Vec<Vec<String>> {
     grouped(nodes.iter().copied(), |node| node.about.stage.as_str()).iter().map(row).collect()
 }
 
+/// Name, state, time, output and metrics of a node.
 fn row(node: &NodeRecord) -> Vec<String> {
     let state =
         serde_json::to_value(node.outcome.state).ok().and_then(|it| it.as_str().map(str::to_owned)).unwrap_or_default();
@@ -172,14 +203,14 @@ fn row(node: &NodeRecord) -> Vec<String> {
     vec![node.about.name.clone(), state, duration(node.outcome.secs), output, metrics.collect::<Vec<_>>().join(", ")]
 }
 
-/// Where the files and the recording of a node lie.
+/// The paths of the files and of the recording of a node.
 fn files(store: &dyn ResultStore, node: &NodeRecord) -> Result<Vec<Vec<String>>, Error> {
     let entry = node.outcome.key.map_or(Ok(None), |key| store.entry(key))?;
     let Some(entry) = entry.filter(|entry| Some(entry.output) == node.outcome.output) else {
-        return Ok(vec![vec!["  what it made is gone".to_owned()]]);
+        return Ok(vec![vec!["  its output is no longer in the store".to_owned()]]);
     };
-    let place = |object| store.path_of(object).map_or_else(String::new, |path| path.display().to_string());
-    let row = |name: &str, object| vec![format!("  {name}"), place(object)];
+    let path = |object| store.path_of(object).map_or_else(String::new, |path| path.display().to_string());
+    let row = |name: &str, object| vec![format!("  {name}"), path(object)];
     let files = entry.files.iter().map(|file| row(&file.name, file.object));
     Ok(files.chain(entry.recording.iter().map(|recording| row("recording", recording.object))).collect())
 }

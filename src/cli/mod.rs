@@ -1,4 +1,4 @@
-//! The command line: one file per verb, one shape for errors, documented exit codes.
+//! The command line: one file for each verb, one shape for all errors, documented exit codes.
 
 mod compare;
 mod dag;
@@ -31,21 +31,24 @@ pub use self::{
     view::{ViewArgs, ViewTarget},
     view_program::VERSION,
 };
-use crate::{run::runs, stage::Kind, store::LocalStore};
+use crate::{
+    run::{manifest::Manifest, runs},
+    stage::Kind,
+    store::LocalStore,
+};
 use exit::{CODES, Error, Exit, Message};
-use out::Colour;
 
 const EXAMPLES: &str = "Examples:
-  carl-pipe run pipelines/planar_online.toml              run what is not up to date
-  carl-pipe run pipelines/planar_online.toml -n           only say what would run, and why
-  carl-pipe run pipelines/planar_online.toml --rerun spawn   watch it live
+  carl-pipe run pipelines/planar_online.toml              run all nodes that are not up to date
+  carl-pipe run pipelines/planar_online.toml -n           show what would run and why
+  carl-pipe run pipelines/planar_online.toml --rerun spawn   watch the run live
   carl-pipe run pipelines/planar_online.toml -S seed=1 -S represent.epochs=20
-  carl-pipe why pipelines/planar_online.toml represent@3  what changed, old value and new
-  carl-pipe view latest                                   look at the newest run
-  carl-pipe plot latest -o figures                        its learning curve and latent maps
-  carl-pipe run pipelines/table1.toml                     tasks times algorithms, and a table
-  carl-pipe table latest --long                           every statistic of it
-  carl-pipe compare 20261122-0748 latest                  what differs between two runs
+  carl-pipe why pipelines/planar_online.toml represent@3  show what changed for a node
+  carl-pipe view latest                                   open the newest run in the viewer
+  carl-pipe plot latest -o figures                        draw its learning curve and latent maps
+  carl-pipe run pipelines/table1.toml                     run several tasks and algorithms
+  carl-pipe table latest --long                           print every statistic of their results
+  carl-pipe compare 20261122-0748 latest                  show how two runs differ
   carl-pipe replay latest                                 run it again and compare every byte";
 
 /// Declarative, cached, replayable pipelines for control-aware representation learning.
@@ -58,25 +61,26 @@ struct Cli {
     verb: Verb,
 }
 
-/// What every verb takes.
+/// The options that every verb takes.
 #[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Global options")]
 pub(crate) struct Global {
-    /// Where results and runs are kept.
+    /// The folder of results and runs.
     #[arg(long, value_name = "DIR", env = "CARL_ARTIFACTS", hide_env_values = true, default_value = "artifacts")]
-    #[arg(global = true, help_heading = "Everywhere")]
+    #[arg(global = true)]
     artifacts: PathBuf,
-    /// When to colour: auto, always or never; auto also heeds NO_COLOR.
+    /// When to use colours: auto, always or never; auto uses them on a terminal unless NO_COLOR is set.
     #[arg(long, value_name = "WHEN", default_value = "auto", value_enum, env = "CARL_COLOR", hide_env_values = true)]
-    #[arg(global = true, help_heading = "Everywhere", hide_possible_values = true)]
-    color: Colour,
-    /// Say less: only results, warnings and errors.
-    #[arg(short, long, global = true, help_heading = "Everywhere", conflicts_with = "verbose")]
+    #[arg(global = true, hide_possible_values = true)]
+    color: clap::ColorChoice,
+    /// Print only results, warnings and errors.
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
     quiet: bool,
-    /// Say more: every node on a line of its own.
-    #[arg(short, long, global = true, help_heading = "Everywhere")]
+    /// Print more, such as a line for every node.
+    #[arg(short, long, global = true)]
     verbose: bool,
     /// Run as if started in this folder.
-    #[arg(short = 'C', long = "directory", global = true, help_heading = "Everywhere", value_name = "DIR")]
+    #[arg(short = 'C', long = "directory", global = true, value_name = "DIR")]
     directory: Option<PathBuf>,
 }
 
@@ -89,44 +93,49 @@ impl Global {
     fn runs(&self) -> PathBuf {
         runs::folder(&self.artifacts)
     }
+
+    /// The manifest of a run: `latest`, an id, or the beginning of an id.
+    fn manifest(&self, run: &str) -> Result<Manifest, Error> {
+        Ok(Manifest::read(&runs::find(&self.runs(), run)?)?)
+    }
 }
 
 #[derive(Debug, Subcommand)]
 enum Verb {
-    /// Run what is not up to date.
+    /// Run all nodes that are not up to date.
     Run(run::Args),
-    /// Say what is stale and why; runs nothing. Exit code 10 if something is.
+    /// Show which nodes are stale and why, without running them; exit code 10 if any node is stale.
     Status(status::Args),
-    /// Say what changed for a node: old value and new.
+    /// Show what changed for a node: old values and new values.
     Why(why::Args),
-    /// Draw the graph of a pipeline.
+    /// Print the graph of a pipeline.
     Dag(dag::Args),
-    /// Describe the kinds of stages, their inputs and parameters.
+    /// Describe the kinds of stages with their inputs and parameters.
     Stages(dag::StagesArgs),
     /// List runs, newest first.
     Log(log::Args),
-    /// Show what a run made, and where it lies.
+    /// Show the results of a run and the paths of their files.
     Show(log::ShowArgs),
     /// Open runs and recordings in the Rerun viewer.
     View(view::ViewArgs),
-    /// Draw learning curves and latent maps of runs, as SVG.
+    /// Draw learning curves and latent maps of runs as SVG files.
     Plot(plot::Args),
-    /// Show what runs reached, as a table of tasks and algorithms.
+    /// Print the results of runs as a table of tasks and algorithms.
     Table(table::Args),
-    /// Say what differs between two runs: parameters, metrics with their uncertainty, outputs.
+    /// Compare two runs: parameters, metrics with their uncertainty, outputs.
     Compare(compare::Args),
-    /// Run a recorded run again in an empty store, and compare every output and recording.
+    /// Run a recorded run again in an empty store and compare every output and recording.
     Replay(replay::Args),
-    /// Remove what no kept run names.
+    /// Delete old runs and the results that no kept run uses.
     Gc(gc::Args),
     /// Print a completion script for a shell.
     Completions {
-        /// Which shell.
+        /// The shell.
         shell: clap_complete::Shell,
     },
 }
 
-/// Runs the program with the given arguments and kinds of stages; returns its exit code.
+/// Runs the program with these arguments and these kinds of stages. Returns its exit code.
 pub fn main(argv: &[OsString], kinds: &'static [Kind]) -> u8 {
     exit_of(argv, kinds) as u8
 }
@@ -139,9 +148,9 @@ fn exit_of(argv: &[OsString], kinds: &'static [Kind]) -> Exit {
             return if error.use_stderr() { Exit::Usage } else { Exit::Ok };
         }
     };
-    let colour = cli.global.color;
+    out::set_colour(cli.global.color);
     start(cli, argv, kinds).unwrap_or_else(|error| {
-        report(&error, colour);
+        report(&error);
         error.exit
     })
 }
@@ -156,7 +165,7 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
         Verb::Run(args) => same_bits_everywhere().and_then(|()| run::run(&global, &args, argv, kinds)),
         Verb::Status(args) => status::status(&global, &args, kinds),
         Verb::Why(args) => why::why(&global, &args, kinds),
-        Verb::Dag(args) => dag::dag(&args, kinds, global.color),
+        Verb::Dag(args) => dag::dag(&args, kinds),
         Verb::Stages(args) => dag::stages(&args, kinds),
         Verb::Log(args) => log::log(&global, &args),
         Verb::Show(args) => log::show(&global, &args),
@@ -175,7 +184,7 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
     }
 }
 
-/// Refuses processors on which faer's products would round differently: without fused multiply-adds.
+/// Refuses a processor without fused multiply-adds: faer's matrix products would round differently there.
 fn same_bits_everywhere() -> Result<(), Error> {
     if crate::num::simd::has_fused_vectors() {
         return Ok(());
@@ -184,14 +193,13 @@ fn same_bits_everywhere() -> Result<(), Error> {
     Err(Error::new(Exit::Store, text).help("run it on an x86-64 processor made after 2015"))
 }
 
-/// Writes an error to standard error: a clause, then help that names the next step.
-fn report(error: &Error, colour: Colour) {
-    let paint = colour.on_stderr();
+/// Writes an error to standard error, then the next step for the user.
+fn report(error: &Error) {
     match &error.text {
-        Message::Clause(text) => out::note(&format!("{} {}", paint.red("error:"), out::tidy(text))),
+        Message::Clause(text) => out::note(&format!("{} {}", out::red("error:"), out::tidy(text))),
         Message::Rendered(text) => out::note(text.trim_end()),
     }
     if let Some(help) = &error.help {
-        out::note(&format!("  = {} {help}", paint.bold("help:")));
+        out::note(&format!("  = {} {help}", out::bold("help:")));
     }
 }

@@ -1,10 +1,24 @@
-//! Words for a terminal: colour where wanted, durations, tables.
+//! Output to the terminal: streams that strip colours where none are wanted, styles, numbers, tables.
 
-use std::io::{self, IsTerminal as _, Write as _};
+use std::io::Write as _;
 
-/// Writes to standard output. A reader that went away, as `head` does, must not end a run: its results still count.
+use anstream::{ColorChoice, adapter::strip_str};
+use anstyle::{AnsiColor, Style};
+
+/// Sets when both streams keep colours. `auto` keeps them on a terminal, unless `NO_COLOR` is set.
+pub(crate) fn set_colour(choice: clap::ColorChoice) {
+    match choice {
+        clap::ColorChoice::Auto => ColorChoice::Auto,
+        clap::ColorChoice::Always => ColorChoice::Always,
+        clap::ColorChoice::Never => ColorChoice::Never,
+    }
+    .write_global();
+}
+
+/// Writes to standard output. A failed write is ignored: a reader such as `head` may close the pipe, and the results of
+/// the run are in the store.
 pub(crate) fn print(text: &str) {
-    let mut out = io::stdout().lock();
+    let mut out = anstream::stdout().lock();
     let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
 }
 
@@ -13,7 +27,25 @@ pub(crate) fn line(text: &str) {
     print(&format!("{text}\n"));
 }
 
-/// Leaves out the numbers that the system gives its errors.
+/// Writes a value to standard output, as JSON on one line.
+pub(crate) fn json(value: &serde_json::Value) {
+    line(&value.to_string());
+}
+
+/// Writes a line to standard error.
+pub(crate) fn note(text: &str) {
+    let _ = writeln!(anstream::stderr().lock(), "{text}");
+}
+
+/// The text as standard error would show it: with colours or without. For text that another writer puts there.
+pub(crate) fn for_stderr(text: String) -> String {
+    match anstream::AutoStream::choice(&std::io::stderr()) {
+        ColorChoice::Never => strip_str(&text).to_string(),
+        _ => text,
+    }
+}
+
+/// Removes the error numbers of the system, such as ` (os error 2)`.
 pub(crate) fn tidy(text: &str) -> String {
     let mut words = text.split(" (os error ");
     let mut tidy = words.next().unwrap_or_default().to_owned();
@@ -23,69 +55,28 @@ pub(crate) fn tidy(text: &str) -> String {
     tidy
 }
 
-/// Writes a line to standard error.
-pub(crate) fn note(text: &str) {
-    let _ = writeln!(io::stderr().lock(), "{text}");
+fn styled(style: Style, text: &str) -> String {
+    format!("{style}{text}{style:#}")
 }
 
-/// When to colour.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(crate) enum Colour {
-    /// On a terminal, unless `NO_COLOR` is set.
-    Auto,
-    /// Always.
-    Always,
-    /// Never.
-    Never,
+pub(crate) fn bold(text: &str) -> String {
+    styled(Style::new().bold(), text)
 }
 
-impl Colour {
-    pub(crate) fn on_stdout(self) -> Paint {
-        Paint(self.is_on(io::stdout().is_terminal()))
-    }
-
-    pub(crate) fn on_stderr(self) -> Paint {
-        Paint(self.is_on(io::stderr().is_terminal()))
-    }
-
-    fn is_on(self, is_terminal: bool) -> bool {
-        let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-        match self {
-            Self::Always => true,
-            Self::Never => false,
-            Self::Auto => !set("NO_COLOR") && (is_terminal || set("CLICOLOR_FORCE")),
-        }
-    }
+pub(crate) fn dim(text: &str) -> String {
+    styled(Style::new().dimmed(), text)
 }
 
-/// Colours, or none.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Paint(pub(crate) bool);
+pub(crate) fn red(text: &str) -> String {
+    styled(AnsiColor::Red.on_default().bold(), text)
+}
 
-impl Paint {
-    fn with(self, code: &str, text: &str) -> String {
-        if self.0 { format!("\x1b[{code}m{text}\x1b[0m") } else { text.to_owned() }
-    }
+pub(crate) fn green(text: &str) -> String {
+    styled(AnsiColor::Green.on_default(), text)
+}
 
-    pub(crate) fn bold(self, text: &str) -> String {
-        self.with("1", text)
-    }
-
-    pub(crate) fn dim(self, text: &str) -> String {
-        self.with("2", text)
-    }
-
-    pub(crate) fn red(self, text: &str) -> String {
-        self.with("1;31", text)
-    }
-
-    pub(crate) fn green(self, text: &str) -> String {
-        self.with("32", text)
-    }
-
-    pub(crate) fn yellow(self, text: &str) -> String {
-        self.with("33", text)
-    }
+pub(crate) fn yellow(text: &str) -> String {
+    styled(AnsiColor::Yellow.on_default(), text)
 }
 
 /// `3 ms`, `12.3 s`, `4 min 05 s`, `2 h 03 min`.
@@ -111,7 +102,7 @@ pub(crate) fn bytes(count: u64) -> String {
     format!("{value:.1} TB")
 }
 
-/// A number for reading: whole numbers whole, others with as many digits as matter.
+/// A number with about three significant digits; whole numbers below 10⁹ have no fraction.
 pub(crate) fn number(value: f64) -> String {
     match value.abs() {
         size if value.fract() == 0.0 && size < 1e9 => format!("{value:.0}"),
@@ -121,7 +112,7 @@ pub(crate) fn number(value: f64) -> String {
     }
 }
 
-/// Lays rows out in columns, two spaces between; colours do not count as width.
+/// Aligns rows in columns with two spaces between them.
 pub(crate) fn table(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let widths: Vec<usize> = (0..columns)
@@ -142,20 +133,12 @@ pub(crate) fn table(rows: &[Vec<String>]) -> String {
     text
 }
 
+/// The number of characters that a terminal shows.
 fn width(cell: &str) -> usize {
-    let mut count = 0;
-    let mut chars = cell.chars();
-    while let Some(next) = chars.next() {
-        if next == '\x1b' {
-            chars.by_ref().find(|c| *c == 'm');
-        } else {
-            count += 1;
-        }
-    }
-    count
+    strip_str(cell).map(|part| part.chars().count()).sum()
 }
 
-/// A command line that a shell reads back as it was.
+/// A command line, quoted so that a shell reads the same words.
 pub(crate) fn command(argv: &[String]) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:@+%".contains(c);
     let quote = |word: &String| {
@@ -186,8 +169,8 @@ mod tests {
 
     #[test]
     fn colours_do_not_shift_columns() {
-        let rows = vec![vec![Paint(true).red("a"), "x".into()], vec!["bbb".into(), "y".into()]];
-        assert_eq!(table(&rows), "\x1b[1;31ma\x1b[0m    x\nbbb  y\n");
+        let rows = vec![vec![red("a"), "x".into()], vec!["bbb".into(), "y".into()]];
+        assert_eq!(table(&rows), "\x1b[1m\x1b[31ma\x1b[0m    x\nbbb  y\n");
     }
 
     #[test]

@@ -18,7 +18,7 @@ use crate::{
         chart::{self, Panel},
         outcomes::{Outcome, is_done, point_text},
     },
-    run::{manifest::Manifest, node::NodeRecord, runs},
+    run::{manifest::Manifest, node::NodeRecord},
     stage::Kind,
     store::{LocalStore, ResultStore as _},
 };
@@ -83,7 +83,7 @@ fn axis(text: &str) -> Result<(String, String), &'static str> {
 
 /// Writes the pictures of runs.
 pub(crate) fn plot(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit, Error> {
-    let mut outcomes = all_outcomes(&global.runs(), &args.runs, kinds)?;
+    let mut outcomes = all_outcomes(global, &args.runs, kinds)?;
     if let Some(member) = &args.member {
         outcomes.retain(|outcome| outcome.member.name == *member);
         if outcomes.is_empty() {
@@ -164,8 +164,7 @@ fn by_round(run: &OneRun<'_>, outcomes: Vec<Outcome>, args: &Args) -> Result<Exi
 
 impl<'a> OneRun<'a> {
     fn read(global: &Global, args: &Args, kinds: &'a [Kind]) -> Result<Self, Error> {
-        let folder = runs::find(&global.runs(), &args.runs[0]).map_err(|error| Error::usage(error.to_string()))?;
-        let Manifest { run, pipeline, members, mut nodes, .. } = Manifest::read(&folder)?;
+        let Manifest { run, pipeline, members, mut nodes, .. } = global.manifest(&args.runs[0])?;
         if let Some(wanted) = &args.member {
             nodes.retain(|node| members[node.about.member].name == *wanted);
         }
@@ -174,8 +173,9 @@ impl<'a> OneRun<'a> {
     }
 
     fn lacks(&self, what: &str, files: &str) -> Error {
-        Error::usage(format!("run {} has {what} of a round, which {files} shows", self.run))
-            .help("add stages of kind `evaluate` and `export_latent_map` with `loop = true`, or let the run go on")
+        Error::usage(format!("run {} has {what} of a round, which {files} shows", self.run)).help(
+            "add stages of kind `evaluate` and `export_latent_map` with `loop = true`, or wait until the run ends",
+        )
     }
 
     /// The finished nodes of rounds that made latent maps. Where several stages make them, those of the first.

@@ -1,21 +1,22 @@
-//! `carl-pipe replay`: runs a recorded run again in an empty store, and compares every output and recording.
+//! `carl-pipe replay`: runs a recorded run again in an empty store and compares every output and recording.
 
-use serde_json::json;
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
 
 use super::{
     Global,
     exit::{Error, Exit},
     out::{self, duration},
-    progress::{self, How, Progress},
+    progress::{self, How},
     stop::Stop,
 };
 use crate::{
     run::{
-        events::{Event, Listener, RunState},
+        events::RunState,
         execute::Options,
         manifest::Manifest,
-        replay::{Replayed, replay as replay_run},
-        runs,
+        replay::{Difference, Replayed, replay as replay_run},
     },
     stage::Kind,
     store::ResultStore,
@@ -27,41 +28,36 @@ pub(crate) struct Args {
     /// The run: `latest`, its id, or the beginning of its id.
     #[arg(value_name = "RUN", default_value = "latest")]
     run: String,
-    /// How many nodes may run at once.
+    /// The largest number of nodes that run at once.
     #[arg(short, long, value_name = "N", env = "CARL_JOBS", hide_env_values = true)]
     jobs: Option<usize>,
-    /// One JSON object.
+    /// Print one JSON object.
     #[arg(long)]
     json: bool,
-    /// How to show progress: auto, bar, plain or none.
+    /// How to show progress: auto, bar, plain or none; see `carl-pipe run --help`.
     #[arg(long, value_name = "HOW", default_value = "auto", value_enum, hide_possible_values = true)]
     progress: How,
-}
-
-struct Quiet(Box<dyn Progress>);
-
-impl Listener for Quiet {
-    fn on_event(&self, event: &Event) {
-        self.0.on_event(event);
-    }
 }
 
 /// Replays a run.
 pub(crate) fn replay(global: &Global, args: &Args, kinds: &'static [Kind]) -> Result<Exit, Error> {
     let store = global.store()?;
-    let run_dir = runs::find(&global.runs(), &args.run).map_err(|error| Error::usage(error.to_string()))?;
-    let manifest = Manifest::read(&run_dir)?;
-    let scratch = tempfolder(&store, &manifest.run)?;
+    let manifest = global.manifest(&args.run)?;
+    let scratch = scratch_folder(&store, &manifest.run)?;
     let stop = Stop::listen()?;
     let defaults = Options::default();
     let options = Options { jobs: args.jobs.unwrap_or(defaults.jobs), stop: stop.flag.clone(), ..defaults };
-    let listener = Quiet(progress::new(args.progress.resolve(args.json, global.quiet), global, stop));
+    let progress = progress::new(args.progress.resolve(args.json, global.quiet), global, kinds, stop);
     let find = |name: &str| kinds.iter().find(|kind| kind.name == name);
-    let result = replay_run(&manifest, &store, &scratch, &options, &find, &listener);
-    listener.0.close();
+    let result = replay_run(&manifest, &store, &scratch, &options, &find, &*progress);
+    progress.close();
     let _ = std::fs::remove_dir_all(&scratch);
     let replayed = result?;
-    show(&manifest, &replayed, args.json, global);
+    if args.json {
+        out::json(&json_of(&manifest, &replayed));
+    } else {
+        print(&manifest, &replayed);
+    }
     Ok(match replayed.report.state {
         _ if !replayed.differences.is_empty() => Exit::ReplayDiffers,
         RunState::Finished => Exit::Ok,
@@ -70,45 +66,34 @@ pub(crate) fn replay(global: &Global, args: &Args, kinds: &'static [Kind]) -> Re
     })
 }
 
-/// A folder for the empty store, in the file system of the full one; what a killed replay leaves is swept with it.
-fn tempfolder(store: &dyn ResultStore, run: &str) -> Result<std::path::PathBuf, Error> {
+/// A new folder for the empty store, among the store's temporary files. The store removes it if the replay is killed.
+fn scratch_folder(store: &dyn ResultStore, run: &str) -> Result<PathBuf, Error> {
     let folder = store.scratch().join(format!("replay-{run}-{}", std::process::id()));
     std::fs::create_dir(&folder)
         .map_err(|error| Error::new(Exit::Store, format!("cannot make {}: {error}", folder.display())))?;
     Ok(folder)
 }
 
-fn show(manifest: &Manifest, replayed: &Replayed, json: bool, global: &Global) {
-    let wall_secs = replayed.report.wall_secs;
-    if json {
-        let object = json!({
-            "version": 1, "run": manifest.run, "state": replayed.report.state, "equal": replayed.equal,
-            "differences": replayed.differences, "wall_secs": wall_secs,
-        });
-        out::line(&object.to_string());
-        return;
-    }
-    let paint = global.color.on_stdout();
-    for difference in &replayed.differences {
-        let now = replayed_digest(difference.replayed);
-        out::line(&format!(
-            "{} {} of {}: was {}, now {now}",
-            paint.red("differs:"),
-            difference.what,
-            difference.node,
-            difference.recorded.short()
-        ));
-    }
-    for node in replayed.report.nodes.iter().filter_map(|node| Some((node, node.failure.as_ref()?))) {
-        out::line(&format!("{} {} failed: {}", paint.red("error:"), node.0.record.about.name, node.1.text()));
-    }
-    let text = match &replayed.differences[..] {
-        [] => format!("{} nodes of run {} gave the same outputs and recordings", replayed.equal, manifest.run),
-        [first, ..] => format!("run {} differs first at {}", manifest.run, first.node),
-    };
-    out::line(&paint.bold(&format!("{text}, in {}", duration(wall_secs))));
+fn json_of(manifest: &Manifest, replayed: &Replayed) -> Value {
+    json!({
+        "version": 1, "run": manifest.run, "state": replayed.report.state, "equal": replayed.equal,
+        "differences": replayed.differences, "wall_secs": replayed.report.wall_secs,
+    })
 }
 
-fn replayed_digest(digest: Option<crate::digest::Digest>) -> String {
-    digest.map_or_else(|| "nothing".to_owned(), |digest| digest.short())
+fn print(manifest: &Manifest, replayed: &Replayed) {
+    for Difference { node, what, recorded, replayed } in &replayed.differences {
+        let now = replayed.map_or_else(|| "nothing".to_owned(), |digest| digest.short());
+        out::line(&format!("{} {what} of {node}: was {}, now {now}", out::red("differs:"), recorded.short()));
+    }
+    for node in &replayed.report.nodes {
+        if let Some(failure) = &node.failure {
+            out::line(&format!("{} {} failed: {}", out::red("error:"), node.record.about.name, failure.text()));
+        }
+    }
+    let text = match &replayed.differences[..] {
+        [] => format!("{} nodes of run {} have the same outputs and recordings", replayed.equal, manifest.run),
+        [first, ..] => format!("run {} differs; the first node that differs is {}", manifest.run, first.node),
+    };
+    out::line(&out::bold(&format!("{text}, in {}", duration(replayed.report.wall_secs))));
 }

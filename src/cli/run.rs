@@ -1,4 +1,4 @@
-//! `carl-pipe run`: makes what is not up to date, shows it while it happens, and says where to look next.
+//! `carl-pipe run`: runs all nodes that are not up to date, shows progress, and prints the results.
 
 use std::ffi::OsString;
 
@@ -18,7 +18,7 @@ use crate::{
     pipeline::Graph,
     run::{
         events::{Event, Listener, RunState},
-        execute::{self, Failure, Options, Order},
+        execute::{self, Failure, Options, Order, Report},
         plan::{Force, plan},
         why::History,
     },
@@ -29,36 +29,36 @@ use crate::{
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   carl-pipe run pipelines/smoke.toml
-  carl-pipe run pipelines/planar_online.toml evaluate     that stage and all it needs
+  carl-pipe run pipelines/planar_online.toml evaluate     this stage and all that it needs
   carl-pipe run pipelines/planar_online.toml --sweep seed=0..5 -k
   carl-pipe run pipelines/planar_online.toml --force=control@3
 
-Ctrl-C stops at the next step; the same command goes on from what is finished.")]
+Ctrl-C stops the run at the next step. The same command then continues; finished nodes do not run again.")]
 pub(crate) struct Args {
     #[command(flatten)]
     file: PipelineArgs,
-    /// Stages or nodes to run, with all they need; all if none is given.
+    /// Stages or nodes to run, with all that they need; all stages if not given.
     #[arg(value_name = "TARGET")]
     targets: Vec<String>,
-    /// Only say what would run, and why.
+    /// Only show what would run and why.
     #[arg(short = 'n', long)]
     dry_run: bool,
-    /// How many nodes may run at once; one that runs alone uses all cores anyway.
+    /// The largest number of nodes that run at once, or auto; the nodes that run share all cores.
     #[arg(short, long, value_name = "N", env = "CARL_JOBS", hide_env_values = true, value_parser = jobs)]
     jobs: Option<usize>,
-    /// Go on with independent nodes after a failure.
+    /// After a failure, continue with the nodes that do not depend on it.
     #[arg(short, long)]
     keep_going: bool,
-    /// Run again even if up to date: everything, or one stage or node.
+    /// Run nodes even if they are up to date: all nodes, or those of one stage or name; repeatable.
     #[arg(short, long, value_name = "STAGE", num_args = 0..=1, require_equals = true, default_missing_value = "")]
     force: Vec<String>,
-    /// Watch it live: spawn, connect[=URL], serve[=PORT] or save=FILE.
+    /// Watch the run live: spawn, connect[=URL], serve[=PORT] or save=FILE.
     #[arg(long, value_name = "SINK")]
     rerun: Option<Sink>,
-    /// Events as lines of JSON on standard output; the last line sums up.
+    /// Print each event as a line of JSON; the last line is a summary.
     #[arg(long)]
     json: bool,
-    /// How to show progress: auto (bars on a terminal, else lines; nothing beside `--json`), bar, plain or none.
+    /// How to show progress: auto, bar, plain or none; auto is bar on a terminal, none with `--json`, plain otherwise.
     #[arg(long, value_name = "HOW", default_value = "auto", value_enum, hide_possible_values = true)]
     progress: progress::How,
 }
@@ -73,15 +73,14 @@ fn jobs(text: &str) -> Result<usize, String> {
 
 /// Runs a pipeline.
 pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Error> {
-    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, global.color, args.json)?;
+    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, args.json)?;
     let graph = &loaded.graph;
     let wanted = file::pick(graph, &args.targets)?;
     let force = force(graph, &args.force)?;
     let store = global.store()?;
     if args.dry_run {
         let plan = plan(graph, &wanted, &store, &force)?;
-        let mut history = History::new(&global.runs());
-        status::show(graph, &plan, &mut history, args.json, global);
+        status::show(graph, &plan, &mut History::new(&global.runs()), args.json, global);
         return Ok(Exit::Ok);
     }
     let view = args.rerun.clone().map(|sink| LiveView::new(sink, global.runs())).transpose()?;
@@ -92,7 +91,7 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
     let jobs = args.jobs.unwrap_or(defaults.jobs);
     let options = Options { jobs, keep_going: args.keep_going, force, stop: stop.flag.clone(), ..defaults };
     let audience = Audience {
-        progress: progress::new(args.progress.resolve(args.json, global.quiet), global, stop),
+        progress: progress::new(args.progress.resolve(args.json, global.quiet), global, kinds, stop),
         json: args.json,
         view,
     };
@@ -103,19 +102,24 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
     audience.progress.close();
     let end = summary::End::of(&report, graph, &store, kinds);
     if args.json {
-        out::line(&end.json().to_string());
+        out::json(&end.json());
     }
     end.print(global, args.json, &argv);
-    Ok(match report.state {
+    Ok(exit_of(&report))
+}
+
+fn exit_of(report: &Report) -> Exit {
+    match report.state {
         RunState::Finished => Exit::Ok,
         RunState::Interrupted | RunState::Running => Exit::Interrupted,
         RunState::Failed => {
             let mut failures = report.nodes.iter().filter_map(|node| node.failure.as_ref());
             if failures.any(|failure| matches!(failure, Failure::System(_))) { Exit::Store } else { Exit::StageFailed }
         }
-    })
+    }
 }
 
+/// The nodes that run even if they are up to date.
 fn force(graph: &Graph, names: &[String]) -> Result<Force, Error> {
     if names.iter().any(String::is_empty) {
         return Ok(Force::All);
@@ -128,7 +132,7 @@ fn force(graph: &Graph, names: &[String]) -> Result<Force, Error> {
     Ok(if names.is_empty() { Force::None } else { Force::Named(names.iter().cloned().collect()) })
 }
 
-/// All who hear of a run.
+/// Passes the events of a run to the progress display, to standard output and to the live view.
 struct Audience {
     progress: Box<dyn Progress>,
     json: bool,

@@ -1,4 +1,4 @@
-//! `carl-pipe status`: what is stale and why. Runs nothing.
+//! `carl-pipe status`: shows which nodes are stale and why, without running them.
 
 use std::collections::BTreeSet;
 
@@ -8,10 +8,10 @@ use super::{
     Global,
     exit::{Error, Exit},
     file::{self, PipelineArgs},
-    out::{self, Paint},
+    out,
 };
 use crate::{
-    pipeline::Graph,
+    pipeline::{Graph, Node},
     report::groups::grouped,
     run::{
         plan::{Force, Plan, State, plan},
@@ -25,20 +25,21 @@ use crate::{
 pub(crate) struct Args {
     #[command(flatten)]
     file: PipelineArgs,
-    /// Stages or nodes to look at, with all they need; all if none is given.
+    /// Stages or nodes to check, with all that they need; all stages if not given.
     #[arg(value_name = "TARGET")]
     targets: Vec<String>,
-    /// One JSON object.
+    /// Print one JSON object.
     #[arg(long)]
     json: bool,
 }
 
-/// With more rows than this, nodes with the same reason are shown by stage, and those of a suite by member.
+/// With more rows than this, nodes of one stage with the same reason share a row. If there are more stages than this,
+/// nodes of one member of a suite with the same state share a row.
 const ROWS: usize = 24;
 
-/// Says what is stale.
+/// Shows the stale nodes of a pipeline.
 pub(crate) fn status(global: &Global, args: &Args, kinds: &'static [Kind]) -> Result<Exit, Error> {
-    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, global.color, args.json)?;
+    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, args.json)?;
     let wanted = file::pick(&loaded.graph, &args.targets)?;
     let store = global.store()?;
     let plan = plan(&loaded.graph, &wanted, &store, &Force::None)?;
@@ -47,68 +48,81 @@ pub(crate) fn status(global: &Global, args: &Args, kinds: &'static [Kind]) -> Re
     Ok(if is_fresh { Exit::Ok } else { Exit::Stale })
 }
 
-/// Prints a plan: fresh nodes as a number, the others with their reasons.
+/// Prints a plan: the number of nodes that are up to date, and the other nodes with their reasons.
 pub(crate) fn show(graph: &Graph, plan: &Plan, history: &mut History, json: bool, global: &Global) {
-    let reasons: Vec<(&str, Reason)> = (0..graph.nodes.len())
-        .filter_map(|id| Some((graph.nodes[id].name.as_str(), reason(graph, plan, id, history)?)))
+    let planned: Vec<Planned<'_>> = (0..graph.nodes.len())
+        .filter_map(|id| Some(Planned { node: &graph.nodes[id], reason: reason(graph, plan, id, history)? }))
         .collect();
-    let count = |test: fn(&Reason) -> bool| reasons.iter().filter(|(_, reason)| test(reason)).count();
+    let count = |test: fn(&Reason) -> bool| planned.iter().filter(|it| test(&it.reason)).count();
     let cached = count(|reason| matches!(reason, Reason::Cached));
     let waiting = count(|reason| matches!(reason, Reason::Waiting { .. }));
-    let stale = reasons.len() - cached - waiting;
+    let stale = planned.len() - cached - waiting;
     if json {
-        let nodes: Map<String, Value> =
-            reasons.iter().map(|(name, reason)| ((*name).to_owned(), json!(reason))).collect();
-        let object = json!({
+        let nodes: Map<String, Value> = planned.iter().map(|it| (it.node.name.clone(), json!(it.reason))).collect();
+        out::json(&json!({
             "version": 1, "pipeline": graph.name, "cached": cached, "stale": stale, "waiting": waiting, "nodes": nodes,
-        });
-        out::line(&object.to_string());
+        }));
         return;
     }
-    let paint = global.color.on_stdout();
-    out::print(&out::table(&rows(graph, &reasons, global.verbose, paint)));
+    out::print(&out::table(&rows(graph, &planned, global.verbose)));
     let text = match (stale, waiting) {
-        (0, 0) => format!("{}: all {cached} nodes are up to date", graph.name),
-        (stale, 0) => format!("{}: {stale} to run, {cached} cached", graph.name),
-        (stale, waiting) => {
-            format!("{}: {stale} to run, {waiting} after them if these change, {cached} cached", graph.name)
-        }
+        (0, 0) => format!("all {cached} nodes are up to date"),
+        (stale, 0) => format!("{stale} to run, {cached} cached"),
+        (stale, waiting) => format!("{stale} to run, {waiting} waiting for new inputs, {cached} cached"),
     };
-    out::line(&paint.bold(&text));
+    out::line(&out::bold(&format!("{}: {text}", graph.name)));
 }
 
-/// A row for each node that is not up to date; where these are many, nodes of a stage that wait share one.
-fn rows(graph: &Graph, reasons: &[(&str, Reason)], verbose: bool, paint: Paint) -> Vec<Vec<String>> {
-    let shown: Vec<_> = reasons.iter().filter(|(_, reason)| verbose || !matches!(reason, Reason::Cached)).collect();
-    let fold = !verbose && shown.len() > ROWS;
-    let stages = shown.iter().map(|(name, _)| name.split(['@', '[']).next()).collect::<BTreeSet<_>>().len();
-    let by_member = fold && graph.is_suite() && stages > ROWS;
-    let group = |name: &'_ str| {
-        let end = if by_member { name.find('/') } else { name.find(['@', '[']) };
-        name[..end.unwrap_or(name.len())].to_owned()
+/// A node of a plan and why it has to run, or why not.
+struct Planned<'a> {
+    node: &'a Node,
+    reason: Reason,
+}
+
+/// How nodes share rows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Fold {
+    /// Each node has its own row.
+    Nothing,
+    /// Nodes of one stage with the same state and reason share a row.
+    ByStage,
+    /// Nodes of one member of a suite with the same state share a row. It shows the reason of the first node.
+    ByMember,
+}
+
+/// The rows of all nodes that are not up to date; with `verbose` the rows of all nodes.
+fn rows(graph: &Graph, planned: &[Planned<'_>], verbose: bool) -> Vec<Vec<String>> {
+    let shown: Vec<_> = planned.iter().filter(|it| verbose || !matches!(it.reason, Reason::Cached)).collect();
+    let stages = shown.iter().map(|it| &it.node.stage).collect::<BTreeSet<_>>().len();
+    let fold = match () {
+        () if verbose || shown.len() <= ROWS => Fold::Nothing,
+        () if graph.is_suite() && stages > ROWS => Fold::ByMember,
+        () => Fold::ByStage,
     };
-    let told = |reason: &Reason| match reason {
-        Reason::Cached => (paint.dim("cached"), String::new()),
-        Reason::Waiting { changes, .. } if fold => {
-            let changes: Vec<_> = changes.iter().map(ToString::to_string).collect();
-            (paint.dim("waiting"), changes.join(", "))
+    let key = |it: &&Planned<'_>| {
+        let (state, why) = state_and_reason(&it.reason, fold);
+        match fold {
+            Fold::Nothing => (it.node.name.clone(), state, why),
+            Fold::ByStage => (it.node.stage.clone(), state, why),
+            Fold::ByMember => (graph.members[it.node.member].name.clone(), state, String::new()),
         }
-        Reason::Waiting { .. } => (paint.dim("waiting"), reason.to_string()),
-        _ => (paint.yellow("stale"), reason.to_string()),
     };
-    let key = |(name, reason): &&(&str, Reason)| {
-        let (state, why) = told(reason);
-        // The rows of a suite's members would be too many with one for each reason: the first reason stands for all.
-        if fold {
-            (group(name), state, if by_member { String::new() } else { why })
-        } else {
-            (name.to_string(), state, why)
-        }
-    };
-    let row = |((group, state, _), own): ((String, String, String), Vec<&(&str, Reason)>)| {
-        let (name, reason) = own[0];
-        let name = if own.len() > 1 { format!("{group} x{}", own.len()) } else { (*name).to_owned() };
-        vec![name, state, told(reason).1]
+    let row = |((group, state, _), own): ((String, String, String), Vec<&Planned<'_>>)| {
+        let name = if own.len() > 1 { format!("{group} x{}", own.len()) } else { own[0].node.name.clone() };
+        vec![name, state, state_and_reason(&own[0].reason, fold).1]
     };
     grouped(shown, key).into_iter().map(row).collect()
+}
+
+fn state_and_reason(reason: &Reason, fold: Fold) -> (String, String) {
+    match reason {
+        Reason::Cached => (out::dim("cached"), String::new()),
+        // Nodes of one stage wait for different nodes, so a shared row leaves these out.
+        Reason::Waiting { changes, .. } if fold != Fold::Nothing => {
+            let changes: Vec<_> = changes.iter().map(ToString::to_string).collect();
+            (out::dim("waiting"), changes.join(", "))
+        }
+        Reason::Waiting { .. } => (out::dim("waiting"), reason.to_string()),
+        _ => (out::yellow("stale"), reason.to_string()),
+    }
 }

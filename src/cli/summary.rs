@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::{
     Global,
-    out::{self, Paint, duration},
+    out::{self, duration},
     table,
 };
 use crate::{
@@ -88,44 +88,44 @@ impl<'a> End<'a> {
         if !json {
             self.print_tables(global);
         }
-        let (report, paint) = (self.report, global.color.on_stderr());
+        let report = self.report;
         for node in report.nodes.iter().filter(|node| node.record.outcome.state == NodeState::Failed) {
-            out::note(&self.failure(node, paint));
+            out::note(&self.failure(node));
         }
         if report.state == RunState::Interrupted {
             let (kept, all) = (self.kept(), report.nodes.len());
-            out::note(&format!("{} {kept} of {all} nodes are finished and kept", paint.yellow("interrupted:")));
-            out::note(&format!("  = {} go on with `{}`", paint.bold("help:"), out::command(argv)));
+            out::note(&format!("{} {kept} of {all} nodes are finished and kept", out::yellow("interrupted:")));
+            out::note(&format!("  = {} continue with `{}`", out::bold("help:"), out::command(argv)));
         }
     }
 
     fn print_tables(&self, global: &Global) {
-        let (report, paint) = (self.report, global.color.on_stdout());
+        let report = self.report;
         let ran_any = report.nodes.iter().any(|node| node.record.outcome.state != NodeState::Cached);
         if (ran_any && !global.quiet) || global.verbose {
-            out::print(&out::table(&self.rows(paint)));
+            out::print(&out::table(&self.rows()));
         }
-        match self.grid(paint) {
-            Some(grid) => out::line(&format!("\n{grid}\n{}", self.closing(None, paint))),
-            None => out::line(&self.closing(self.headline_text().as_deref(), paint)),
+        match self.grid() {
+            Some(grid) => out::line(&format!("\n{grid}\n{}", self.closing(None))),
+            None => out::line(&self.closing(self.headline_text().as_deref())),
         }
         if !global.quiet {
             let elsewhere = global.artifacts != Path::new("artifacts") && std::env::var_os("CARL_ARTIFACTS").is_none();
             let folder = if elsewhere { format!(" --artifacts {}", global.artifacts.display()) } else { String::new() };
             let verbs = ["view", "plot"].map(|verb| format!("carl-pipe {verb} {}{folder}", report.run));
-            out::line(&paint.dim(&format!("look: {}  or  {}/", verbs.join("  or  "), report.path.display())));
+            out::line(&out::dim(&format!("look: {}  or  {}/", verbs.join("  or  "), report.path.display())));
         }
     }
 
     /// The table of a suite: tasks by algorithms. `None` for a single series.
-    fn grid(&self, paint: Paint) -> Option<String> {
+    fn grid(&self) -> Option<String> {
         let metric = self.metric;
         if self.reached.len() < 2 {
             return None;
         }
         let grid = Grid::new(self.reached.clone(), "task", "algorithm").ok()?;
-        let rows = table::text(short(&grid, About { metric, rows: "task", cols: "algorithm" }), paint);
-        Some(format!("{}\n{rows}", paint.dim(&format!("{metric}: mean ± standard error (models)"))))
+        let rows = table::text(short(&grid, About { metric, rows: "task", cols: "algorithm" }));
+        Some(format!("{}\n{rows}", out::dim(&format!("{metric}: mean ± standard error (models)"))))
     }
 
     /// The headline for the closing line, with its standard error where there are several models.
@@ -137,13 +137,13 @@ impl<'a> End<'a> {
     }
 
     /// A row for each node, or for each stage of a large run, or for each member of a large suite.
-    fn rows(&self, paint: Paint) -> Vec<Vec<String>> {
+    fn rows(&self) -> Vec<Vec<String>> {
         let nodes = &self.report.nodes;
         if nodes.len() <= ROWS {
             let row = |node: &NodeReport| {
                 vec![
                     node.record.about.name.clone(),
-                    painted(node.record.outcome.state, paint),
+                    coloured(node.record.outcome.state),
                     time(node.worked_secs),
                     self.metric_of(node),
                 ]
@@ -152,16 +152,16 @@ impl<'a> End<'a> {
         }
         let is_suite = self.graph.is_suite();
         let name = |node: &&NodeReport| {
-            let stage = node.record.about.stage.as_str();
-            if is_suite { stage.split('/').next().unwrap_or(stage).to_owned() } else { stage.to_owned() }
+            let about = &node.record.about;
+            if is_suite { self.graph.members[about.member].name.clone() } else { about.stage.clone() }
         };
-        grouped(nodes, name).iter().map(|(name, nodes)| self.group_row(name, nodes, is_suite, paint)).collect()
+        grouped(nodes, name).iter().map(|(name, nodes)| self.group_row(name, nodes, is_suite)).collect()
     }
 
-    fn group_row(&self, name: &str, nodes: &[&NodeReport], is_member: bool, paint: Paint) -> Vec<String> {
+    fn group_row(&self, name: &str, nodes: &[&NodeReport], is_member: bool) -> Vec<String> {
         let count = |state| nodes.iter().filter(|node| node.record.outcome.state == state).count();
         let counts = STATES.iter().map(|it| (it, count(*it))).filter(|(_, count)| *count > 0);
-        let states: Vec<String> = counts.map(|(it, count)| format!("{} {count}", painted(*it, paint))).collect();
+        let states: Vec<String> = counts.map(|(it, count)| format!("{} {count}", coloured(*it))).collect();
         let last = nodes.iter().rev().find(|node| !node.record.outcome.metrics.is_empty() && !is_member);
         let metric = last.map_or_else(String::new, |node| self.metric_of(node));
         let secs: f64 = nodes.iter().map(|node| node.worked_secs).sum();
@@ -177,25 +177,25 @@ impl<'a> End<'a> {
     }
 
     /// `12 ran, 3 cached in 4.1 s; percent_goal 76.8`
-    fn closing(&self, headline: Option<&str>, paint: Paint) -> String {
+    fn closing(&self, headline: Option<&str>) -> String {
         let report = self.report;
         let counts = STATES.iter().map(|it| (it, report.count(*it))).filter(|(_, count)| *count > 0);
-        let parts: Vec<String> = counts.map(|(it, count)| format!("{count} {}", painted(*it, PLAIN))).collect();
+        let parts: Vec<String> = counts.map(|(it, count)| format!("{count} {}", word(*it))).collect();
         let headline = headline.map_or_else(String::new, |text| format!("; {text}"));
         let time = duration(report.wall_secs);
-        format!("{}{}", paint.bold(&format!("{} in {time}", parts.join(", "))), paint.bold(&headline))
+        out::bold(&format!("{} in {time}{headline}", parts.join(", ")))
     }
 
-    fn failure(&self, node: &NodeReport, paint: Paint) -> String {
+    fn failure(&self, node: &NodeReport) -> String {
         let text = node.failure.as_ref().map_or_else(String::new, |failure| out::tidy(failure.text()));
         let kind = self.graph.nodes.iter().find(|it| it.name == node.record.about.name).map_or("", |it| it.kind.name);
-        let mut lines = vec![format!("{} {} ({kind}) failed: {text}", paint.red("error:"), node.record.about.name)];
+        let mut lines = vec![format!("{} {} ({kind}) failed: {text}", out::red("error:"), node.record.about.name)];
         let recording = self.report.path.join("live").join(format!("{}.mcap", file_name(&node.record.about.name)));
         if recording.exists() {
-            lines.push(format!("  = what it recorded until then: {}", recording.display()));
+            lines.push(format!("  = its recording until the failure: {}", recording.display()));
         }
-        let (help, kept) = (paint.bold("help:"), self.kept());
-        lines.push(format!("  = {help} {kept} finished nodes are kept; the same command goes on from there"));
+        let (help, kept) = (out::bold("help:"), self.kept());
+        lines.push(format!("  = {help} {kept} finished nodes are kept; the same command continues from there"));
         lines.join("\n")
     }
 
@@ -204,21 +204,28 @@ impl<'a> End<'a> {
     }
 }
 
-/// Without colours.
-const PLAIN: Paint = Paint(false);
-
 /// How nodes may end, in the order in which they are counted.
 const STATES: [NodeState; 5] =
     [NodeState::Ran, NodeState::Cached, NodeState::Failed, NodeState::Stopped, NodeState::Pending];
 
-fn painted(state: NodeState, paint: Paint) -> String {
+fn word(state: NodeState) -> &'static str {
     match state {
-        NodeState::Ran => paint.green("ran"),
-        NodeState::Cached => paint.dim("cached"),
-        NodeState::Failed => paint.red("failed"),
-        NodeState::Stopped => paint.yellow("stopped"),
-        NodeState::Pending => paint.yellow("not run"),
+        NodeState::Ran => "ran",
+        NodeState::Cached => "cached",
+        NodeState::Failed => "failed",
+        NodeState::Stopped => "stopped",
+        NodeState::Pending => "not run",
     }
+}
+
+fn coloured(state: NodeState) -> String {
+    let colour = match state {
+        NodeState::Ran => out::green,
+        NodeState::Cached => out::dim,
+        NodeState::Failed => out::red,
+        NodeState::Stopped | NodeState::Pending => out::yellow,
+    };
+    colour(word(state))
 }
 
 fn time(secs: f64) -> String {

@@ -1,20 +1,19 @@
-//! `carl-pipe table`: shows what runs reached, in rows and columns, beside the paper's numbers.
+//! `carl-pipe table`: prints the results of runs as a table, beside the paper's numbers.
 
-use std::{collections::BTreeSet, path::Path};
+use std::collections::BTreeSet;
 
 use super::{
     Global,
     exit::{Error, Exit},
-    out::{self, Paint},
+    out,
 };
 use crate::{
-    diag::nearest,
+    diag::instead,
     report::{
         outcomes::{Outcome, outcomes},
         series::pooled,
         table::{About, Grid, Rows, UnknownField, csv, json, long, short},
     },
-    run::{manifest::Manifest, runs},
     stage::Kind,
 };
 
@@ -69,21 +68,22 @@ enum Format {
 /// Prints a table.
 pub(crate) fn table(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit, Error> {
     let store = global.store()?;
-    let mut all = all_outcomes(&global.runs(), &args.runs, kinds)?;
+    let mut all = all_outcomes(global, &args.runs, kinds)?;
     let by_round = args.all_rounds || [&args.rows, &args.cols].iter().any(|field| *field == "round");
     all.retain(|outcome| outcome.is_last || by_round);
     let Some(first) = all.first() else {
         return Err(Error::usage(format!("no evaluation of the last round is finished in {}", args.runs.join(", ")))
-            .help("add a stage of kind `evaluate`, or let the run go on"));
+            .help("add a stage of kind `evaluate`, or wait until the run ends"));
     };
     let metric = args.metric.clone().unwrap_or_else(|| first.headline.to_owned());
     let known: BTreeSet<String> = all.iter().flat_map(|outcome| outcome.metrics.keys().cloned()).collect();
     let over_seeds = [&args.rows, &args.cols].iter().all(|field| *field != "seed");
     let series = pooled(all, &metric, over_seeds, &store)?;
     if series.is_empty() {
-        let known: Vec<&str> = known.iter().map(String::as_str).chain(["samples", "percent_goal_t"]).collect();
-        return Err(Error::usage(format!("no result has the metric `{metric}`"))
-            .help(format!("there are {}", known.join(", "))));
+        let known = known.iter().map(String::as_str).chain(["samples", "percent_goal_t"]);
+        return Err(
+            Error::usage(format!("no result has the metric `{metric}`")).help(instead(&metric, "metrics", known))
+        );
     }
     let grid = Grid::new(series, &args.rows, &args.cols)?;
     let about = About { metric: &metric, rows: &args.rows, cols: &args.cols };
@@ -92,28 +92,21 @@ pub(crate) fn table(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit
         Format::Csv => csv(&grid, about, &store)?,
         Format::Json => json(&grid, about, &store)?,
         Format::Markdown => rows(args.long)?.markdown(),
-        Format::Text => text(rows(args.long)?, global.color.on_stdout()),
+        Format::Text => text(rows(args.long)?),
     });
     Ok(Exit::Ok)
 }
 
 /// Rows in columns, with a bold header.
-pub(crate) fn text(rows: Rows, paint: Paint) -> String {
-    let header = rows.header.iter().map(|name| paint.bold(name)).collect();
+pub(crate) fn text(rows: Rows) -> String {
+    let header = rows.header.iter().map(|name| out::bold(name)).collect();
     let all: Vec<Vec<String>> = std::iter::once(header).chain(rows.body).collect();
     out::table(&all)
 }
 
 /// The outcomes of runs, newest run first, so that the newest of equal outcomes counts.
-pub(crate) fn all_outcomes(all: &Path, wanted: &[String], kinds: &[Kind]) -> Result<Vec<Outcome>, Error> {
-    let mut folders = Vec::new();
-    for run in wanted {
-        folders.push(runs::find(all, run).map_err(|error| Error::usage(error.to_string()))?);
-    }
-    let mut manifests = Vec::new();
-    for folder in &folders {
-        manifests.push(Manifest::read(folder)?);
-    }
+pub(crate) fn all_outcomes(global: &Global, wanted: &[String], kinds: &[Kind]) -> Result<Vec<Outcome>, Error> {
+    let mut manifests: Vec<_> = wanted.iter().map(|run| global.manifest(run)).collect::<Result<_, _>>()?;
     manifests.sort_by(|a, b| b.run.cmp(&a.run));
     manifests.dedup_by(|a, b| a.run == b.run);
     Ok(manifests.iter().flat_map(|manifest| outcomes(manifest, kinds)).collect())
@@ -121,10 +114,7 @@ pub(crate) fn all_outcomes(all: &Path, wanted: &[String], kinds: &[Kind]) -> Res
 
 impl From<UnknownField> for Error {
     fn from(unknown: UnknownField) -> Self {
-        let error = Self::usage(unknown.to_string());
-        match nearest(&unknown.name, unknown.known.iter().map(String::as_str)) {
-            Some(near) => error.help(format!("did you mean `{near}`?")),
-            None => error.help(format!("there are {}", unknown.known.join(", "))),
-        }
+        let help = instead(&unknown.name, "fields", unknown.known.iter().map(String::as_str));
+        Self::usage(unknown.to_string()).help(help)
     }
 }

@@ -1,4 +1,4 @@
-//! `carl-pipe why`: what changed for a node since it last ran, old value and new.
+//! `carl-pipe why`: shows what changed for a node since it last ran, with old and new values.
 
 use serde_json::json;
 
@@ -11,6 +11,7 @@ use super::{
 use crate::{
     pipeline::{Graph, NodeId},
     run::{
+        changes::Change,
         plan::{Force, Plan, State, plan},
         why::{History, Reason, reason},
     },
@@ -22,17 +23,17 @@ use crate::{
 pub(crate) struct Args {
     #[command(flatten)]
     file: PipelineArgs,
-    /// A node such as `represent@3`, or a stage for all of its nodes.
+    /// A node such as `represent@3`, or a stage: then all of its nodes.
     #[arg(value_name = "NODE")]
     node: String,
-    /// One JSON object per node.
+    /// Print one JSON object for each node.
     #[arg(long)]
     json: bool,
 }
 
-/// Explains a node.
+/// Explains why nodes are stale or up to date.
 pub(crate) fn why(global: &Global, args: &Args, kinds: &'static [Kind]) -> Result<Exit, Error> {
-    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, global.color, args.json)?;
+    let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, args.json)?;
     let graph = &loaded.graph;
     let wanted = file::pick(graph, std::slice::from_ref(&args.node))?;
     let store = global.store()?;
@@ -47,20 +48,19 @@ pub(crate) fn why(global: &Global, args: &Args, kinds: &'static [Kind]) -> Resul
                 _ => json!(null),
             };
             let name = &graph.nodes[id].name;
-            out::line(&json!({"version": 1, "node": name, "reason": reason, "key": key}).to_string());
+            out::json(&json!({"version": 1, "node": name, "reason": reason, "key": key}));
         } else {
-            out::print(&told(graph, &plan, id, &reason, global));
+            out::print(&explanation(graph, &plan, id, &reason, global.verbose));
         }
     }
     Ok(Exit::Ok)
 }
 
-fn told(graph: &Graph, plan: &Plan, id: NodeId, reason: &Reason, global: &Global) -> String {
-    let paint = global.color.on_stdout();
-    let name = paint.bold(&graph.nodes[id].name);
-    let changed = |changes: &[crate::run::changes::Change]| -> String {
-        changes.iter().map(|change| format!("{name}: {change}\n")).collect()
-    };
+/// Why a node is stale or up to date; `verbose` adds its key.
+fn explanation(graph: &Graph, plan: &Plan, id: NodeId, reason: &Reason, verbose: bool) -> String {
+    let name = out::bold(&graph.nodes[id].name);
+    let changed =
+        |changes: &[Change]| -> String { changes.iter().map(|change| format!("{name}: {change}\n")).collect() };
     let mut text = match reason {
         Reason::Cached => match &plan[id] {
             Some(State::Hit(key, entry)) => format!(
@@ -72,16 +72,14 @@ fn told(graph: &Graph, plan: &Plan, id: NodeId, reason: &Reason, global: &Global
             _ => format!("{name} is up to date\n"),
         },
         Reason::Changed { changes, since } => {
-            format!("{}{}", changed(changes), paint.dim(&format!("  since run {since}\n")))
+            format!("{}{}", changed(changes), out::dim(&format!("  since run {since}\n")))
         }
         Reason::Waiting { on, changes } => {
-            format!("{}{name}: takes what {} will make\n", changed(changes), on.join(", "))
+            format!("{}{name}: needs the new output of {}\n", changed(changes), on.join(", "))
         }
         other => format!("{name}: {other}\n"),
     };
-    if global.verbose
-        && let Some(State::Hit(key, _) | State::Stale(key, _)) = &plan[id]
-    {
+    if verbose && let Some(State::Hit(key, _) | State::Stale(key, _)) = &plan[id] {
         text.push_str(&serde_json::to_string_pretty(&key.json).unwrap_or_default());
         text.push('\n');
     }

@@ -10,7 +10,7 @@ use std::{
     time::{SystemTime, UNIX_EPOCH},
 };
 
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 
 use super::{alive, manifest::Manifest, utc};
 
@@ -111,26 +111,57 @@ pub fn list(runs: &Path) -> anyhow::Result<Vec<String>> {
     Ok(ids)
 }
 
+/// Why a run cannot be found.
+#[derive(Debug, thiserror::Error)]
+pub enum FindError {
+    /// There are no runs in this folder.
+    #[error("there are no runs in {} yet; start one with `carl-pipe run PIPELINE`", .0.display())]
+    NoRuns(PathBuf),
+    /// No id begins with this text.
+    #[error("no run begins with `{0}`; `carl-pipe log` lists them")]
+    Unknown(String),
+    /// Several ids begin with the text.
+    #[error("{count} runs begin with `{wanted}`, from {oldest} to {newest}")]
+    Ambiguous {
+        /// The text.
+        wanted: String,
+        /// How many ids begin with it.
+        count: usize,
+        /// The oldest of these ids.
+        oldest: String,
+        /// The newest of these ids.
+        newest: String,
+    },
+    /// The folder of the runs cannot be read.
+    #[error(transparent)]
+    Unreadable(#[from] anyhow::Error),
+}
+
 /// Finds a run by `latest`, by its id, or by the beginning of its id if only one id begins so.
 ///
 /// # Errors
-/// There is no such run, or there are several.
-pub fn find(runs: &Path, wanted: &str) -> anyhow::Result<PathBuf> {
+/// There is no such run, there are several, or the folder cannot be read.
+pub fn find(runs: &Path, wanted: &str) -> Result<PathBuf, FindError> {
     let ids = list(runs)?;
     if wanted == "latest" {
         let pointed = fs::read_link(runs.join("latest")).map(|id| runs.join(id)).ok().filter(|path| path.exists());
         return match (pointed, ids.first()) {
             (Some(path), _) => Ok(path),
             (None, Some(newest)) => Ok(runs.join(newest)),
-            _ => bail!("there are no runs in {} yet; start one with `carl-pipe run PIPELINE`", runs.display()),
+            _ => Err(FindError::NoRuns(runs.to_owned())),
         };
     }
     let found: Vec<_> = ids.iter().filter(|id| id.starts_with(wanted)).collect();
     match found[..] {
         [id] => Ok(runs.join(id)),
-        [] => bail!("no run begins with `{wanted}`; `carl-pipe log` lists them"),
+        [] => Err(FindError::Unknown(wanted.to_owned())),
         [..] if ids.iter().any(|id| id == wanted) => Ok(runs.join(wanted)),
-        [first, .., last] => bail!("{} runs begin with `{wanted}`, from {last} to {first}", found.len()),
+        [newest, .., oldest] => Err(FindError::Ambiguous {
+            wanted: wanted.to_owned(),
+            count: found.len(),
+            oldest: oldest.clone(),
+            newest: newest.clone(),
+        }),
     }
 }
 

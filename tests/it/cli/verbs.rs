@@ -134,11 +134,11 @@ fn a_failing_stage_is_exit_code_1_and_names_its_cause() {
     let ended = toy.run("run toy.toml --progress none -S evaluate.fail=broken");
     assert_eq!(ended.code, Some(1));
     assert!(
-        ended.err.contains("error: evaluate@0 (toy_evaluate) failed: broken\n  = what it recorded until then: "),
+        ended.err.contains("error: evaluate@0 (toy_evaluate) failed: broken\n  = its recording until the failure: "),
         "{}",
         ended.err
     );
-    assert!(ended.err.contains("finished nodes are kept; the same command goes on from there"), "{}", ended.err);
+    assert!(ended.err.contains("finished nodes are kept; the same command continues from there"), "{}", ended.err);
     assert_eq!(toy.run("run toy.toml -k -S evaluate.fail=broken --json").json()["failed"], json!(3));
 }
 
@@ -199,7 +199,7 @@ fn ctrl_c_stops_at_the_next_step_and_the_same_command_goes_on() {
     let last: Value = serde_json::from_str(&lines.map(Result::unwrap).last().unwrap()).unwrap();
     let ended = Ended::of(child.wait_with_output().unwrap());
     assert_eq!((ended.code, &last["state"]), (Some(130), &json!("interrupted")));
-    assert!(ended.err.contains("go on with `carl-pipe run toy.toml -S learn.steps=100 --json`"), "{}", ended.err);
+    assert!(ended.err.contains("continue with `carl-pipe run toy.toml -S learn.steps=100 --json`"), "{}", ended.err);
     let again = toy.run(words).json();
     assert_eq!(again["cached"].as_u64().unwrap() + again["executed"].as_u64().unwrap(), 7);
     assert!(again["cached"].as_u64().unwrap() >= 2);
@@ -223,6 +223,33 @@ fn log_show_and_gc_know_the_runs() {
     let gc = toy.run("gc --keep 1 --json").json();
     assert_eq!(gc["removed"]["entries"], json!(7));
     assert_eq!(toy.run("run toy.toml -S data.plus=6 --json").json()["cached"], json!(7));
+}
+
+#[test]
+fn colours_are_used_only_where_they_are_wanted() {
+    let toy = Toy::new();
+    toy.run("run toy.toml");
+    let is_coloured = |words: &str, set: &[(&str, &str)]| {
+        let output = toy.command(words).envs(set.iter().copied()).output().unwrap();
+        Ended::of(output).out.contains('\u{1b}')
+    };
+    assert!(!is_coloured("log", &[]), "a pipe is no terminal");
+    assert!(is_coloured("log --color always", &[]));
+    assert!(is_coloured("log", &[("CARL_COLOR", "always")]));
+    assert!(is_coloured("log", &[("CLICOLOR_FORCE", "1")]));
+    assert!(!is_coloured("log", &[("CLICOLOR_FORCE", "1"), ("NO_COLOR", "1")]));
+    assert!(!is_coloured("log --color never", &[("CLICOLOR_FORCE", "1")]));
+    let mistake = toy.command("run toy.toml -S learn.pluss=1 --color always").output().unwrap();
+    assert!(Ended::of(mistake).err.contains('\u{1b}'));
+}
+
+#[test]
+fn a_folder_of_runs_that_cannot_be_read_is_an_error_of_the_system() {
+    let toy = Toy::new();
+    fs::create_dir(toy.path("artifacts")).unwrap();
+    fs::write(toy.path("artifacts/runs"), "in the way").unwrap();
+    assert_eq!((toy.run("show").code, toy.run("log").code), (Some(4), Some(0)));
+    assert_eq!(Toy::new().run("show").code, Some(2));
 }
 
 #[test]
