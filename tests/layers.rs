@@ -123,8 +123,10 @@ const ACTING: &[&str] = &["control/rollout.rs"];
 const LEARNING_STAGES: &[&str] = &[
     "stage/train_lce.rs",
     "stage/train_lce/attempt.rs",
+    "stage/train_lce/checks.rs",
     "stage/train_lce/curves.rs",
     "stage/train_lce/new_model.rs",
+    "stage/train_lce/objective.rs",
     "stage/train_lce/state.rs",
     "stage/train_lce/terms.rs",
     "stage/train_lce/params.rs",

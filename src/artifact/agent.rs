@@ -1,4 +1,4 @@
-//! An agent with all that goes on training it.
+//! An agent with its optimisers, as an artifact.
 
 use anyhow::ensure;
 use serde::{Deserialize, Serialize};

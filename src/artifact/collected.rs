@@ -1,24 +1,25 @@
-//! Transitions of a collection, and where its last episode stands.
+//! Transitions of a collection, and the saved state of its unfinished episode.
 //!
-//! The two lie in files of their own. [`Transitions`] reads the first alone, so the true states of the second reach
-//! nobody but who asks for [`Collected`]: the next collection.
+//! Each is a file of its own. [`Transitions`] reads the first file alone. So only the next collection, which asks for
+//! [`Collected`], gets the true states of the second.
 
 use super::{Artifact, Files, Transitions, json, tensors::file};
 use crate::control::rollout::Standing;
 
-/// What was collected.
+/// The output of a collection.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Collected {
-    /// All that training sees.
+    /// The transitions, for training.
     pub transitions: Transitions,
-    /// Where the last episode was left, if it is to go on.
+    /// The unfinished episode that the next collection continues, if there is one.
     pub standing: Option<Standing>,
 }
 
 const FILE: &str = "standing.json";
 
 impl Artifact for Collected {
-    const TYPE: &'static str = Transitions::TYPE;
+    const TYPE: &'static str = "collection";
+    const READABLE_AS: &'static [&'static str] = &[Transitions::TYPE];
 
     fn save(&self) -> anyhow::Result<Files> {
         let mut files = self.transitions.save()?;

@@ -1,4 +1,4 @@
-//! The settings of iLQR.
+//! The settings of iLQR, as an artifact.
 
 use super::{Artifact, Files, json, tensors::file};
 use crate::control::Ilqr;

@@ -1,4 +1,4 @@
-//! The typed values that stages hand to each other, and how they lie on disk.
+//! The typed values that stages hand to each other, and their files.
 
 mod agent;
 mod collected;
@@ -21,20 +21,25 @@ pub use transitions::Transitions;
 
 /// A value that one stage makes and others take.
 ///
-/// Tensors lie in `.safetensors` and metrics in `.json`, so every artifact opens in Python without us. Equal values
-/// give equal bytes: `save` writes in a fixed order, without clock, path or host.
+/// Tensors are `.safetensors` files and metrics are `.json` files, so Python opens every artifact without this program.
+/// Equal values give equal bytes: `save` writes in a fixed order, and no clock, path or host name.
 pub trait Artifact: Sized + Send + 'static {
     /// The name that ports and error messages use, such as `lce_model`.
     const TYPE: &'static str;
+    /// Other types of artifact that can be read from the same files. A port that takes one of them takes this too.
+    const READABLE_AS: &'static [&'static str] = &[];
 
     /// Writes the value as files.
     fn save(&self) -> anyhow::Result<Files>;
 
-    /// Reads what `save` wrote; says what is wrong with files that it did not write.
+    /// Reads what `save` wrote.
+    ///
+    /// # Errors
+    /// A file is missing, or it holds something else.
     fn load(files: &Files) -> anyhow::Result<Self>;
 }
 
-/// A metrics file: readable JSON, one field a line.
+/// A metrics file: JSON with one field on each line.
 pub(crate) fn json<T: serde::Serialize>(value: &T) -> anyhow::Result<Vec<u8>> {
     let mut bytes = serde_json::to_vec_pretty(value)?;
     bytes.push(b'\n');

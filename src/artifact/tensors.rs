@@ -1,4 +1,4 @@
-//! Named tensors as safetensors bytes, in a fixed order and without metadata, so equal tensors give equal bytes.
+//! Named tensors as safetensors bytes. Their order is fixed and there is no metadata, so equal tensors give equal bytes.
 
 use std::{borrow::Cow, collections::BTreeMap};
 

@@ -1,4 +1,4 @@
-//! Transitions (x, u, x') with the goal each was made for. No states: training cannot see what is not here.
+//! Transitions (x, u, x') with their goals. They hold no true state, so training cannot use one.
 
 use anyhow::ensure;
 
@@ -23,17 +23,17 @@ pub struct Transitions {
     pub next_observations: Vec<u8>,
     /// Goal images x_g.
     pub goals: Vec<u8>,
-    /// Which goal each transition was made for.
+    /// For each transition, the index of the goal of its episode.
     pub goal_index: Vec<u32>,
 }
 
 impl Transitions {
-    /// How many.
+    /// How many transitions there are.
     pub fn len(&self) -> usize {
         self.goal_index.len()
     }
 
-    /// True without transitions.
+    /// Whether there are no transitions.
     pub fn is_empty(&self) -> bool {
         self.goal_index.is_empty()
     }
@@ -51,7 +51,10 @@ impl Transitions {
         self.goal_index.push(goal);
     }
 
-    /// All transitions of several artifacts, in their order; goal images are those of the first.
+    /// The transitions of several artifacts, in their order.
+    ///
+    /// # Errors
+    /// The artifacts are of different tasks.
     pub fn concat(parts: &[Self]) -> anyhow::Result<Self> {
         let Some((first, rest)) = parts.split_first() else { return Ok(Self::default()) };
         let mut all = first.clone();
@@ -68,14 +71,14 @@ impl Transitions {
         Ok(all)
     }
 
-    /// x and x' in turn, as training reads them.
+    /// The observations x and x' of every transition in turn: images 2i and 2i + 1 belong to transition i.
     pub fn frames(&self) -> Vec<u8> {
         let pixels = self.pixels();
         let pairs = self.observations.chunks_exact(pixels).zip(self.next_observations.chunks_exact(pixels));
         pairs.flat_map(|(now, next)| now.iter().chain(next)).copied().collect()
     }
 
-    /// The same for a model's training.
+    /// The transitions, packed for the training of `model`.
     pub fn data(&self, model: &LceModel) -> Data {
         let pictures = model.pictures(&self.frames());
         Data { images: pictures, actions: self.actions.clone(), action_dim: self.action_dim }

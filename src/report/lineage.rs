@@ -46,7 +46,7 @@ impl<'a> Lineage<'a> {
     /// The number of transitions made upstream. Nodes with equal keys count once, since they were sampled once.
     pub(super) fn samples(&self, upstream: &BTreeSet<usize>) -> u64 {
         let makes =
-            |node: &NodeRecord| self.kinds.iter().any(|it| it.name == node.about.work.kind && it.output == TRANSITIONS);
+            |node: &NodeRecord| self.kinds.iter().any(|it| it.name == node.about.work.kind && it.gives(TRANSITIONS));
         let mut counted = BTreeSet::new();
         let data = upstream.iter().map(|&id| &self.manifest.nodes[id]).filter(|node| makes(node));
         data.filter(|node| node.outcome.key.is_none_or(|key| counted.insert(key)))

@@ -1,4 +1,4 @@
-//! iLQR, the controller of PCC, with its costs for the task. It has nothing to learn: its model comes with the evaluation.
+//! iLQR, the controller of PCC. This stage learns nothing: it hands on the settings, and the evaluation has the model.
 
 use super::{PresetOf, Refusal, Stage, StageCx, above_zero, inputs, within};
 use crate::control::Ilqr;

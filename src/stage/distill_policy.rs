@@ -12,7 +12,7 @@ use crate::{
     control::{Agent, agent::Whitening, distill},
     lce::LceModel,
     nn::{adam::Adam, mlp::Pass},
-    num::sampling,
+    num::{rng::Rng, sampling},
     record::{At, topic},
 };
 
@@ -21,14 +21,14 @@ use crate::{
 pub(super) struct Params {
     /// Adam steps.
     steps: u64,
-    /// Observations of a step.
+    /// Observations in one step.
     batch: u64,
     /// Adam step size.
     learning_rate: f64,
-    /// Share of goals that are observations of the data instead of goal images.
+    /// Share of the goals that are observations of the data instead of goal images.
     relabel: f64,
-    /// Begin with a random actor and random critics, as the paper's "Initialize a soft actor critic policy" says;
-    /// otherwise all of the old agent goes along and its actor is refitted.
+    /// Whether to begin with a random actor and random critics (paper, "Initialize a soft actor critic policy"). Otherwise
+    /// the student begins as a copy of the old agent.
     fresh: bool,
 }
 
@@ -70,22 +70,68 @@ inputs! {
 
 pub(super) struct DistillPolicy;
 
-/// Codes of all observations and goals under one encoder.
+/// Codes of all observations and goal images under one encoder.
 struct Codes {
-    n: usize,
+    latent: usize,
     data: Vec<f32>,
     goals: Vec<f32>,
+}
+
+/// A goal of a training sample, by its index.
+#[derive(Clone, Copy)]
+enum Goal {
+    Image(usize),
+    Observation(usize),
 }
 
 impl Codes {
     fn of(model: &LceModel, transitions: &Transitions) -> Self {
         let means = |frames: &[u8]| model.encode_means(&model.pictures(frames));
-        Self { n: model.sizes.latent, data: means(&transitions.frames()), goals: means(&transitions.goals) }
+        Self { latent: model.sizes.latent, data: means(&transitions.frames()), goals: means(&transitions.goals) }
     }
 
-    fn goal(&self, (is_goal_image, index): (bool, usize)) -> &[f32] {
-        let from = if is_goal_image { &self.goals } else { &self.data };
-        &from[index * self.n..][..self.n]
+    fn observation(&self, index: usize) -> &[f32] {
+        &self.data[index * self.latent..][..self.latent]
+    }
+
+    fn goal(&self, goal: Goal) -> &[f32] {
+        match goal {
+            Goal::Image(index) => &self.goals[index * self.latent..][..self.latent],
+            Goal::Observation(index) => self.observation(index),
+        }
+    }
+}
+
+/// What a distillation learns from: the same observations in the old latent space and in the new one.
+struct Paired<'a> {
+    teacher: &'a Agent,
+    old: Codes,
+    new: Codes,
+    relabel: f64,
+}
+
+/// Inputs of teacher and student at the same samples, one column each.
+struct Batch {
+    teacher: Vec<f32>,
+    student: Vec<f32>,
+}
+
+impl Paired<'_> {
+    /// Draws observations and goals, and writes them as the two actors read them.
+    fn draw(&self, student: &Agent, rng: &mut Rng, batch: &mut Batch) {
+        let width = 2 * self.teacher.latent;
+        let (observations, goals) = (self.new.data.len() / self.new.latent, self.new.goals.len() / self.new.latent);
+        let columns = batch.teacher.chunks_exact_mut(width).zip(batch.student.chunks_exact_mut(width));
+        for (teacher_input, student_input) in columns {
+            let which = sampling::index(rng, observations);
+            let is_image = f64::from(sampling::uniform(rng, 0.0, 1.0)) >= self.relabel;
+            let goal = match is_image {
+                true => Goal::Image(sampling::index(rng, goals)),
+                false => Goal::Observation(sampling::index(rng, observations)),
+            };
+            self.teacher.input(self.old.observation(which), self.old.goal(goal), teacher_input);
+            student.input(self.new.observation(which), self.new.goal(goal), student_input);
+        }
     }
 }
 
@@ -99,32 +145,24 @@ impl Stage for DistillPolicy {
 
     fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<Agent> {
         let transitions = Transitions::concat(&inputs.transitions)?;
-        let teacher = &inputs.old_agent;
-        let old = Codes::of(&inputs.old_model.model, &transitions);
-        let new = Codes::of(&inputs.model.model, &transitions);
-        let n = teacher.latent;
-        let (observations, goals) = (new.data.len() / n, new.goals.len() / n);
-        let batch = params.batch as usize;
+        let [old, new] = [&inputs.old_model, &inputs.model].map(|model| Codes::of(&model.model, &transitions));
+        let paired = Paired { teacher: &inputs.old_agent, old, new, relabel: params.relabel };
         let mut state = cx.resume_or(|| {
-            let student = student(params, teacher, &new, cx);
+            let student = student(params, paired.teacher, &paired.new, cx);
             let adam = Adam::new(student.actor.arena.len());
             Ok(Distillation { student, adam, rng: cx.rng("batches"), steps: 0, kl: 0.0 })
         })?;
-        let (mut old_inputs, mut new_inputs) = (vec![0.0; 2 * n * batch], vec![0.0; 2 * n * batch]);
-        let mut pass = Pass::new(&state.student.nets.actor.mlp, batch, 1);
+        let samples = params.batch as usize;
+        let inputs = vec![0.0; 2 * paired.teacher.latent * samples];
+        let mut batch = Batch { teacher: inputs.clone(), student: inputs };
+        let mut pass = Pass::new(&state.student.nets.actor.mlp, samples, 1);
         let mut gradient = vec![0.0; state.student.actor.arena.len()];
         while state.steps < params.steps {
             let Distillation { student, adam, rng, .. } = &mut state;
-            for (old_input, new_input) in old_inputs.chunks_exact_mut(2 * n).zip(new_inputs.chunks_exact_mut(2 * n)) {
-                let which = sampling::index(rng, observations);
-                let is_goal_image = f64::from(sampling::uniform(rng, 0.0, 1.0)) >= params.relabel;
-                let goal = (is_goal_image, sampling::index(rng, if is_goal_image { goals } else { observations }));
-                teacher.input(&old.data[which * n..][..n], old.goal(goal), old_input);
-                student.input(&new.data[which * n..][..n], new.goal(goal), new_input);
-            }
-            let targets = teacher.gaussians(&teacher.acting, &old_inputs);
-            let rate = params.learning_rate;
-            state.kl = distill::step(student, adam, rate, &mut pass, &mut gradient, (&new_inputs, &targets));
+            paired.draw(student, rng, &mut batch);
+            let targets = paired.teacher.gaussians(&paired.teacher.acting, &batch.teacher);
+            let pair = (&batch.student[..], &targets[..]);
+            state.kl = distill::step(student, adam, params.learning_rate, &mut pass, &mut gradient, pair);
             cx.record.scalars(topic::TRAIN_DISTILL, At::new(cx.round, 0, state.steps), &[("kl", state.kl)]);
             state.steps += 1;
             if state.steps % 10 == 1 || state.steps == params.steps {
@@ -138,7 +176,7 @@ impl Stage for DistillPolicy {
     }
 }
 
-/// The agent to refit, reading the new codes.
+/// The agent before distillation. It reads codes of the new latent space.
 fn student(params: &Params, teacher: &Agent, new: &Codes, cx: &StageCx<'_>) -> Agent {
     let whitening = teacher.whitening.as_ref().map(|_| Whitening::of(&new.data, teacher.latent));
     if params.fresh {

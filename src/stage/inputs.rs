@@ -1,4 +1,4 @@
-//! The ports of a kind: which artifacts it takes, how many of each, and how their files become values.
+//! The ports of a kind: which artifacts it takes, how many of each, and how it reads them.
 
 use anyhow::{Context as _, bail};
 
@@ -11,7 +11,7 @@ pub enum Arity {
     One,
     /// One or none, as in the first round of a loop.
     Optional,
-    /// Any number above zero, in the order written.
+    /// One or more, in the order written.
     Many,
 }
 
@@ -22,16 +22,16 @@ pub struct Port {
     pub name: &'static str,
     /// The type of artifact it takes.
     pub artifact: &'static str,
-    /// How many.
+    /// How many artifacts it takes.
     pub arity: Arity,
     /// What the stage uses it for.
     pub about: &'static str,
 }
 
-/// The verified files that the engine hands to a stage, by port.
+/// The verified files of a stage's inputs, by port.
 #[derive(Debug, Default)]
 pub struct InputFiles<'a> {
-    /// Port name to the artifacts connected to it, in the order written.
+    /// The artifacts of each port, by the port's name and in the order written.
     pub by_port: std::collections::BTreeMap<&'static str, Vec<&'a Files>>,
 }
 
@@ -39,7 +39,7 @@ pub struct InputFiles<'a> {
 pub trait PortField: Sized {
     /// How many artifacts it takes.
     const ARITY: Arity;
-    /// Of which type.
+    /// The type of artifact that it takes.
     const ARTIFACT: &'static str;
     /// Reads them.
     fn load(files: &[&Files]) -> anyhow::Result<Self>;
@@ -82,7 +82,7 @@ pub trait Inputs: Sized {
     fn load(files: &InputFiles<'_>) -> anyhow::Result<Self>;
 }
 
-/// Reads one port, and names it in what goes wrong.
+/// Reads one port. Its errors name the port.
 pub fn load_port<T: PortField>(files: &InputFiles<'_>, port: &'static str) -> anyhow::Result<T> {
     let files = files.by_port.get(port).map_or(&[][..], Vec::as_slice);
     T::load(files).with_context(|| format!("cannot read input `{port}`"))

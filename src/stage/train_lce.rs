@@ -1,14 +1,16 @@
 //! Learns the representation: encoder, dynamics, decoder and backward dynamics (paper, lines 3-7 of the CARL algorithm).
 
 mod attempt;
+mod checks;
 mod curves;
 mod new_model;
+mod objective;
 mod params;
 mod state;
 mod terms;
 
 use self::{
-    attempt::Lessons,
+    attempt::Setup,
     params::{Params, Slopes},
     state::{Attempt, Training},
 };
@@ -50,7 +52,7 @@ impl Stage for TrainLce {
 
     fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<TrainedModel> {
         let transitions = &Transitions::concat(&inputs.transitions)?;
-        let lessons = Lessons {
+        let setup = Setup {
             params,
             transitions,
             regularizer: terms::l_reg(params, &inputs, transitions),
@@ -63,7 +65,7 @@ impl Stage for TrainLce {
         })?;
         let scale = params.warm_up.scale;
         let (kept, checks) = loop {
-            let trained = lessons.train(&mut training, cx)?;
+            let trained = setup.train(&mut training, cx)?;
             let attempt = Attempt { number: training.attempt, trained };
             let (best, checks) = better_map(training.best.take(), attempt, transitions, scale);
             let Some(fault) = checks.fault(scale).filter(|_| training.attempt < params.restarts) else {
@@ -77,7 +79,7 @@ impl Stage for TrainLce {
             warn(cx, &training, &format!("kept attempt {} of {}", kept.number + 1, training.attempt + 1));
         }
         // The data of the first round lie far from the goals, so no goal is suspect yet.
-        let suspect_goals = if lessons.has_warm_start { checks.suspect_goals() } else { Vec::new() };
+        let suspect_goals = if setup.has_warm_start { checks.suspect_goals() } else { Vec::new() };
         let why_suspect = suspect_goals.iter().map(|&goal| checks.why_suspect(goal));
         for sentence in checks.fault(scale).into_iter().chain(why_suspect) {
             warn(cx, &training, &sentence);

@@ -27,17 +27,17 @@ pub(super) struct Params {
     discount: f64,
     /// k, the steps of the latent rollout behind a critic's target.
     rollout: u64,
-    /// Whether a target ends with the target critics' value.
+    /// Whether a target adds the target critics' value at the end of the latent rollout.
     bootstrap: bool,
-    /// Share of the new critics in their targets at every update.
+    /// tau: share of the new critics in the target critics at every update.
     target_rate: f64,
-    /// Share of the new actor in the average that acts, at every update; 1 acts with the newest.
+    /// Share of the new actor in the averaged policy at every update. With 1 the newest actor acts.
     acting_rate: f64,
     /// Adam step size of the actor.
     actor_learning_rate: f64,
     /// Adam step size of the critics.
     critic_learning_rate: f64,
-    /// Share of the step sizes that is left at the last update; they fall linearly.
+    /// Share of the step sizes of actor and critics at the last update. They fall linearly to it.
     last_pace: f64,
     /// How the temperature moves.
     temperature: Temperature,
@@ -47,13 +47,13 @@ pub(super) struct Params {
     temperature_learning_rate: f64,
     /// The reward of a step.
     reward: Reward,
-    /// Share of goals that are observations of the data instead of goal images.
+    /// Share of the goals that are observations of the data instead of goal images.
     relabel: f64,
-    /// Which actions the critics are trained at.
+    /// The actions that the critics are trained on.
     critic_actions: CriticActions,
     /// Whether a new agent's networks read whitened codes.
     whiten: bool,
-    /// Tuples that the latent buffer holds.
+    /// Tuples that the latent replay buffer holds.
     buffer: u64,
 }
 
@@ -162,7 +162,8 @@ impl Stage for TrainSac {
             let terms = trainer.step(cx.threads.get(), 1.0 - (1.0 - params.last_pace) * done);
             record(cx, step, &terms);
             if step % 25 == 0 || step + 1 == params.steps {
-                let note = format!("value {:.1}", terms.value);
+                let value = terms.value;
+                let note = format!("value {value:.1}");
                 cx.tick(step + 1, params.steps, &note, &trainer.learner)?;
             }
         }

@@ -59,10 +59,11 @@ fn round_mistake(reference: &Reference, taker: &Stage, upstream: &Stage, rounds:
 fn type_mistake(reference: &Reference, input: &Input, stages: &[Stage], kinds: &[Kind]) -> Option<Diagnostic> {
     let wanted = input.port.artifact;
     let upstream = &stages[reference.stage];
-    let given = upstream.kind?.output;
-    if given == wanted {
+    let kind = upstream.kind?;
+    if kind.gives(wanted) {
         return None;
     }
+    let given = kind.output;
     let message = format!("input `{}` takes {wanted}, but `{}` gives {given}", input.port.name, upstream.name);
     let mistake = Diagnostic::at(reference.span.clone(), message).label(format!("gives {given}"));
     Some(mistake.help(stages_that_give(wanted, stages, kinds)))
@@ -70,12 +71,12 @@ fn type_mistake(reference: &Reference, input: &Input, stages: &[Stage], kinds: &
 
 /// Which stages give an artifact, or else which kinds would.
 fn stages_that_give(artifact: &str, stages: &[Stage], kinds: &[Kind]) -> String {
-    let gives = |stage: &&Stage| stage.kind.is_some_and(|kind| kind.output == artifact);
+    let gives = |stage: &&Stage| stage.kind.is_some_and(|kind| kind.gives(artifact));
     let names: Vec<&str> = stages.iter().filter(gives).map(|stage| stage.name.as_str()).collect();
     if !names.is_empty() {
         return format!("stages that give {artifact}: {}", names.join(", "));
     }
-    let names: Vec<&str> = kinds.iter().filter(|kind| kind.output == artifact).map(|kind| kind.name).collect();
+    let names: Vec<&str> = kinds.iter().filter(|kind| kind.gives(artifact)).map(|kind| kind.name).collect();
     format!("no stage gives {artifact}; kinds that do: {}", names.join(", "))
 }
 

@@ -18,8 +18,8 @@ use crate::{
     stage::StageCx,
 };
 
-/// What every attempt learns from.
-pub(super) struct Lessons<'a> {
+/// What every attempt trains with.
+pub(super) struct Setup<'a> {
     pub(super) params: &'a Params,
     pub(super) transitions: &'a Transitions,
     /// L_reg, the loss that keeps the old policy.
@@ -42,9 +42,9 @@ struct Schedule {
 impl Schedule {
     /// The passes of attempt number `attempt`, counted from 0. An attempt with a model of the round before needs no
     /// warm-up. Where a new model replaces such an attempt, warm-up and ramp come on top of `epochs`.
-    fn of(lessons: &Lessons<'_>, attempt: u64) -> Self {
-        let &Params { epochs, warm_up_epochs, ramp_epochs, .. } = lessons.params;
-        match (lessons.has_warm_start, attempt) {
+    fn of(setup: &Setup<'_>, attempt: u64) -> Self {
+        let &Params { epochs, warm_up_epochs, ramp_epochs, .. } = setup.params;
+        match (setup.has_warm_start, attempt) {
             (true, 0) => Self { epochs, warm_up_epochs: 0, ramp_epochs: 0 },
             (true, _) => Self { epochs: warm_up_epochs + ramp_epochs + epochs, warm_up_epochs, ramp_epochs },
             (false, _) => Self { epochs, warm_up_epochs, ramp_epochs },
@@ -52,7 +52,7 @@ impl Schedule {
     }
 }
 
-impl Lessons<'_> {
+impl Setup<'_> {
     /// Trains the model of the current attempt to the end of its schedule.
     pub(super) fn train(&self, state: &mut Training, cx: &mut StageCx<'_>) -> anyhow::Result<TrainedModel> {
         let schedule = Schedule::of(self, state.attempt);

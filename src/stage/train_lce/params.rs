@@ -1,49 +1,44 @@
-//! The parameters of `train_lce`: defaults by task, loss and preset, and the weighted loss that they make.
+//! The parameters of `train_lce` and their defaults.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::TrainLce;
+use super::{TrainLce, checks};
 use crate::{
     control::guidance::Guidance,
-    lce::{
-        PassiveDynamics,
-        objective::{Regularizer, Weights},
-        trainer::Objective,
-        warm_up::WarmUp,
-    },
-    stage::{self, Preset, PresetOf, Refusal, Stage as _, above_zero, at_least_one, within},
+    lce::{PassiveDynamics, warm_up::WarmUp},
+    stage::{self, Preset, PresetOf, Refusal, Stage as _},
 };
 
-/// Which loss.
+/// The loss that a model is trained with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::stage) enum LossName {
-    /// CARL's.
+    /// The loss of CARL.
     Carl,
-    /// CARL's, with L_p and L_c weighted by the TD errors of `value`, once there is one.
+    /// The loss of CARL, with L_p and L_c weighted by the TD errors of the agent `value`.
     ValueGuided,
-    /// PCC's: its VAE term has a prior on the codes, which CARL's L_ed has not.
+    /// The loss of PCC. Its VAE term has a prior on the codes.
     Pcc,
 }
 
-/// Where L_cur has the slopes A and B of F from, and iLQR after it.
+/// How L_cur, and later iLQR, get the slopes A and B of F.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::stage) enum Slopes {
-    /// From F's weights.
+    /// By differentiating F.
     Exact,
-    /// From heads of F that L_cur teaches, PCC's amortized version.
+    /// From heads of F that L_cur trains: PCC's amortized version.
     Amortized,
 }
 
-/// Which encoder and decoder a new model has.
+/// The encoder and decoder of a new model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::stage) enum Networks {
-    /// The paper's, convolutional on its larger pictures.
+    /// The networks of the paper, convolutional for its larger images.
     Paper,
-    /// Fully connected, two hidden layers of 128, on what share of each square of pixels is lit.
+    /// Fully connected with two hidden layers of 128. They read the share of lit pixels in each square of pixels.
     #[serde(rename = "squares")]
     PooledPatches,
 }
@@ -53,72 +48,74 @@ pub(in crate::stage) enum Networks {
 #[serde(deny_unknown_fields, default)]
 pub(in crate::stage) struct Lambda {
     /// L_ed, encoding and decoding.
-    encode_decode: f64,
-    /// KL to a unit Gaussian, beside L_ed.
-    prior: f64,
+    pub(super) encode_decode: f64,
+    /// KL from the codes to a unit Gaussian, a part of PCC's VAE term.
+    pub(super) prior: f64,
     /// L_p, prediction.
-    prediction: f64,
+    pub(super) prediction: f64,
     /// L_c, consistency.
-    consistency: f64,
+    pub(super) consistency: f64,
     /// L_cur, curvature.
-    curvature: f64,
-    /// L_reg; needs `warm_start` and `policy`.
+    pub(super) curvature: f64,
+    /// L_reg; needs the inputs `warm_start` and `policy`.
     pub(super) regularizer: f64,
-    /// Deterministic reconstruction.
-    deterministic: f64,
-    /// The anchor of the warm-up, which goes on weakly afterwards.
-    anchor: f64,
+    /// Reconstruction from the mean of the encoder.
+    pub(super) deterministic: f64,
+    /// The anchor of the warm-up, which stays in the loss with this weight.
+    pub(super) anchor: f64,
 }
 
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::stage) struct Params {
-    /// Which loss.
+    /// The loss that the model is trained with.
     pub(super) objective: LossName,
-    /// Which encoder and decoder a new model has; a model that goes on from `warm_start` keeps its own.
+    /// The encoder and decoder of a new model. A model from `warm_start` keeps its own.
     pub(super) networks: Networks,
-    /// Rows and columns of the squares of `squares`.
+    /// Rows and columns of a square of pixels; used by the networks `squares`.
     pub(super) square: u64,
-    /// Share of the squares that networks miss in training, others at every step; needs `squares`.
+    /// Share of the squares that each training step hides from the networks; needs the networks `squares`.
     pub(super) input_dropout: f64,
-    /// Passes over the transitions, those of warm-up and ramp included.
+    /// Passes over the transitions, warm-up and ramp included.
     pub(super) epochs: u64,
-    /// Of these, passes with the anchored warm-up; none where a model goes on from `warm_start`.
+    /// Of these, passes with the anchored warm-up. A model from `warm_start` has none.
     pub(super) warm_up_epochs: u64,
-    /// Of the warm-up, passes at its beginning that learn the geometry alone: no pictures are decoded.
+    /// Of the warm-up, passes at its beginning that train the geometry alone and decode no images.
     pub(super) anchor_epochs: u64,
-    /// Of these, passes over which consistency grows from `ramp_from` to its full weight; none where a
-    /// model goes on from `warm_start`.
+    /// Of `epochs`, passes after the warm-up in which the weight of consistency grows from `ramp_from` to its full
+    /// value. A model from `warm_start` has none.
     pub(super) ramp_epochs: u64,
-    /// Share of the consistency at the beginning of the ramp.
-    ramp_from: f64,
+    /// Share of the consistency weight at the beginning of the ramp.
+    pub(super) ramp_from: f64,
     /// Constants of the warm-up.
     pub(super) warm_up: WarmUp,
-    /// How codes move by themselves, for the anchor of warm-up and loss.
+    /// The passive dynamics of the codes that the anchor assumes.
     pub(super) drift: PassiveDynamics,
     /// Weights of the terms of the loss.
     pub(super) lambda: Lambda,
     /// Weights of the transitions in `value_guided`.
     pub(super) guidance: Guidance,
-    /// Standard deviation of the curvature's noise.
-    curvature_sigma: f64,
-    /// Where L_cur has F's slopes from.
+    /// Standard deviation of the noise in L_cur.
+    pub(super) curvature_sigma: f64,
+    /// How L_cur gets the slopes of F.
     pub(super) slopes: Slopes,
-    /// Steps at the end that fit F alone to the codes as they are then; none with amortized slopes, whose heads read F.
+    /// Steps at the end that fit F alone to the final codes; unused with amortized slopes, whose heads read F.
     pub(super) refit_steps: u64,
-    /// Times that training begins again, with other weights and a warm-up, while detectors find the map collapsed or
-    /// folded; the soundest of the maps stays. Instead of going on from `warm_start`, passes of warm-up and ramp are made
-    /// besides `epochs`.
+    /// Maximum number of retrainings from new weights when a map check fails; the best map is kept. Where a retraining
+    /// replaces a model from `warm_start`, its warm-up and ramp come on top of `epochs`.
     pub(super) restarts: u64,
-    /// Adam step size; the paper's.
+    /// Adam step size; the default is the paper's.
     pub(super) learning_rate: f64,
     /// Adam step size of the warm-up.
     pub(super) warm_up_learning_rate: f64,
     /// L2 coefficient.
     pub(super) weight_decay: f64,
-    /// Epochs between two recorded latent maps.
+    /// Passes between two recorded latent maps.
     pub(super) map_every: u64,
 }
+
+/// No bound, as in the paper: e^80 is close to the largest number of single precision.
+pub(super) const UNBOUNDED: f64 = 80.0;
 
 impl Default for Lambda {
     fn default() -> Self {
@@ -170,7 +167,7 @@ impl stage::Params for Params {
             params.lambda.prior = params.lambda.encode_decode;
         }
         if of.preset == Preset::Paper {
-            // The paper knows no warm-up, ramp, anchor nor restart, and says of L_reg only that its weight is small.
+            // The paper has no warm-up, ramp, anchor or restart. Of L_reg it says only that its weight is small.
             (params.warm_up_epochs, params.ramp_epochs, params.lambda.anchor) = (0, 0, 0.0);
             params.restarts = 0;
             params.lambda.regularizer = if params.objective == LossName::Pcc { 0.0 } else { 0.01 };
@@ -180,48 +177,7 @@ impl stage::Params for Params {
     }
 
     fn check(&self) -> Vec<Refusal> {
-        let mut refusals = at_least_one("epochs", self.epochs);
-        refusals.extend(at_least_one("map_every", self.map_every));
-        within(&mut refusals, "ramp_from", self.ramp_from, 0.0, 1.0);
-        within(&mut refusals, "square", self.square as f64, 1.0, 15.0);
-        within(&mut refusals, "input_dropout", self.input_dropout, 0.0, 0.9);
-        if self.networks != Networks::PooledPatches && self.input_dropout > 0.0 {
-            refusals
-                .push(Refusal { path: "input_dropout", why: "must be 0 without `networks = \"squares\"`".to_owned() });
-        }
-        let Lambda { encode_decode, prior, prediction, consistency, curvature, regularizer, deterministic, anchor } =
-            self.lambda;
-        for (path, value) in [
-            ("lambda.encode_decode", encode_decode),
-            ("lambda.prior", prior),
-            ("lambda.prediction", prediction),
-            ("lambda.consistency", consistency),
-            ("lambda.curvature", curvature),
-            ("lambda.regularizer", regularizer),
-            ("lambda.deterministic", deterministic),
-            ("lambda.anchor", anchor),
-            ("weight_decay", self.weight_decay),
-            ("warm_up.anchor", self.warm_up.anchor),
-            ("warm_up.shrink", self.warm_up.shrink),
-        ] {
-            within(&mut refusals, path, value, 0.0, 1e6);
-        }
-        for (path, value) in [
-            ("learning_rate", self.learning_rate),
-            ("warm_up_learning_rate", self.warm_up_learning_rate),
-            ("curvature_sigma", self.curvature_sigma),
-            ("warm_up.sigma", self.warm_up.sigma),
-            ("warm_up.scale", self.warm_up.scale),
-            ("warm_up.outlier", self.warm_up.huber_delta),
-        ] {
-            above_zero(&mut refusals, path, value);
-        }
-        let Guidance { temperature, discount, samples, bound, .. } = self.guidance;
-        within(&mut refusals, "guidance.temperature", temperature, 0.0, 1e6);
-        within(&mut refusals, "guidance.discount", discount, 0.01, 1.0);
-        within(&mut refusals, "guidance.samples", samples as f64, 1.0, 1e4);
-        within(&mut refusals, "guidance.bound", bound, 0.0, UNBOUNDED);
-        refusals
+        checks::out_of_range(self)
     }
 
     fn needs(&self) -> &'static [&'static str] {
@@ -229,41 +185,7 @@ impl stage::Params for Params {
     }
 }
 
-/// What a file names, or else `usual`: other defaults follow from it.
+/// The choice that the file writes for a parameter, or else `usual`. Other defaults depend on it.
 fn given<'a, T: Deserialize<'a>>(of: &PresetOf<'a>, name: &str, usual: T) -> T {
     of.given.get(name).and_then(|named| T::deserialize(named).ok()).unwrap_or(usual)
-}
-
-/// As far as single precision goes: the paper knows no bound.
-const UNBOUNDED: f64 = 80.0;
-
-impl Params {
-    /// The loss after `step` of the `ramp` steps over which consistency grows.
-    pub(super) fn objective_at<'a>(
-        &self,
-        step: u64,
-        ramp: u64,
-        regularizer: Option<Regularizer<'a, f32>>,
-        guidance: Option<&'a [f32]>,
-    ) -> Objective<'a, f32> {
-        let done = if ramp == 0 { 1.0 } else { (step as f64 / ramp as f64).min(1.0) };
-        let share = self.ramp_from + (1.0 - self.ramp_from) * done;
-        let lambda = &self.lambda;
-        Objective {
-            weights: Weights {
-                reconstruction: lambda.prediction,
-                consistency: (lambda.prediction + lambda.consistency) * share,
-                curvature: lambda.curvature,
-                encode_decode: lambda.encode_decode,
-                prior: lambda.prior,
-                deterministic: lambda.deterministic,
-                regularizer: if regularizer.is_some() { lambda.regularizer } else { 0.0 },
-                anchor: lambda.anchor * 0.5 / (self.warm_up.sigma * self.warm_up.sigma),
-            },
-            curvature_sigma: self.curvature_sigma,
-            anchor_scale: self.warm_up.scale,
-            guidance,
-            regularizer,
-        }
-    }
 }

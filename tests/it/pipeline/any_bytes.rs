@@ -48,7 +48,7 @@ fn hold_promises(graph: &Graph) {
                 Arity::Many => !givers.is_empty(),
             };
             assert!(fits, "{} {}", node.name, port.name);
-            assert!(givers.iter().all(|giver| *giver < at && graph.nodes[*giver].kind.output == port.artifact));
+            assert!(givers.iter().all(|giver| *giver < at && graph.nodes[*giver].kind.gives(port.artifact)));
         }
         let refusals = (node.kind.check)(&node.params).expect("explicit parameters are read");
         assert_eq!(refusals, []);

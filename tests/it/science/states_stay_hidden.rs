@@ -253,9 +253,10 @@ fn training_does_not_notice_where_the_last_episode_stands() {
     assert_ne!(Collected::load(&lies).expect("files"), Collected::load(&collected).expect("files"));
     assert_eq!(Transitions::load(&lies).expect("files"), Transitions::load(&collected).expect("files"));
     assert_eq!(train(&lies), train(&collected));
-    // Only a collection asks for it.
+    // Only a collection asks for the type that has it.
     for kind in stage::registry() {
-        assert_eq!(kind.ports.iter().any(|port| port.name == "last"), kind.name == "collect", "{}", kind.name);
+        let asks = kind.ports.iter().any(|port| port.artifact == Collected::TYPE);
+        assert_eq!(asks, kind.name == "collect", "{}", kind.name);
     }
 }
 
@@ -276,14 +277,16 @@ fn what_training_reads_has_no_room_for_a_state() {
     let _codes = |Codes { data: _, actions: _, goals: _ }: Codes| ();
 }
 
-/// Evaluations and latent maps hold true states, so nothing may learn from them. Evaluations may be summed up, into what
-/// no kind takes.
+/// Evaluations, latent maps and collections hold true states, so no kind that learns may take them. Evaluations may be
+/// summed up, into an artifact that no kind takes. A collection may go on from an earlier one.
 #[test]
 fn no_kind_takes_what_holds_states() {
     for kind in stage::registry() {
         for port in kind.ports {
             let sums_up = (kind.output, port.artifact) == ("summary", "evaluation");
-            let may_enter = sums_up || ["transitions", "lce_model", "agent", "ilqr"].contains(&port.artifact);
+            let goes_on = (kind.output, port.artifact) == ("collection", "collection");
+            let holds_no_state = ["transitions", "lce_model", "agent", "ilqr"].contains(&port.artifact);
+            let may_enter = sums_up || goes_on || holds_no_state;
             assert!(may_enter, "{} takes {} by its port {}", kind.name, port.artifact, port.name);
         }
     }

@@ -36,6 +36,7 @@ fn adder(name: &'static str, version: u32) -> Kind {
         headline: Some("total"),
         ports: &PORTS,
         output: "number",
+        readable_as: &[],
         preset: |_| json!({}),
         schema: || schemars::schema_for!(u32),
         canonical: |params| Ok(params.clone()),

@@ -1,0 +1,142 @@
+//! A kind of stage without its Rust types, and the registry of all kinds.
+
+use anyhow::Context as _;
+use serde_json::Value;
+
+use super::{
+    InputFiles, Inputs as _, Params as _, Port, PresetOf, Refusal, Stage, StageCx, collect, control_ilqr,
+    distill_policy, evaluate, export_latent_map, generate_data, summarize, train_lce, train_sac,
+};
+use crate::artifact::{Artifact as _, Files};
+
+/// A kind of stage without its Rust types: the pipeline checks files against it, and the scheduler runs it.
+pub struct Kind {
+    /// See [`Stage::KIND`].
+    pub name: &'static str,
+    /// See [`Stage::VERSION`].
+    pub version: u32,
+    /// See [`Stage::ABOUT`].
+    pub about: &'static str,
+    /// See [`Stage::HEADLINE`].
+    pub headline: Option<&'static str>,
+    /// The inputs it takes.
+    pub ports: &'static [Port],
+    /// The type of its artifact; see [`Artifact::TYPE`].
+    pub output: &'static str,
+    /// See [`Artifact::READABLE_AS`].
+    pub readable_as: &'static [&'static str],
+    /// The values of all parameters under a preset.
+    pub preset: fn(&PresetOf<'_>) -> Value,
+    /// The JSON schema of the parameters, with their documentation.
+    pub schema: fn() -> schemars::Schema,
+    /// Writes equal parameters as equal JSON: `7` for a float becomes `7.0`, and keys take the order of the fields.
+    pub canonical: fn(&Value) -> Result<Value, serde_json::Error>,
+    /// The parameters that are out of range. All parameters are given.
+    pub check: fn(&Value) -> Result<Vec<Refusal>, serde_json::Error>,
+    /// The optional inputs that the parameters need. All parameters are given.
+    pub needs: fn(&Value) -> Result<&'static [&'static str], serde_json::Error>,
+    /// Does the work. Takes all parameters and the verified files of the inputs, and returns the files of the output.
+    pub run: fn(&Value, &InputFiles<'_>, &mut StageCx<'_>) -> anyhow::Result<Files>,
+}
+
+impl std::fmt::Debug for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Kind({} v{})", self.name, self.version)
+    }
+}
+
+impl Kind {
+    /// Whether a port that takes `artifact` can read this kind's output.
+    pub fn gives(&self, artifact: &str) -> bool {
+        self.output == artifact || self.readable_as.contains(&artifact)
+    }
+
+    /// The kind `S` without its Rust types.
+    pub fn of<S: Stage>() -> Self {
+        Self {
+            name: S::KIND,
+            version: S::VERSION,
+            about: S::ABOUT,
+            headline: S::HEADLINE,
+            ports: S::Inputs::PORTS,
+            output: S::Output::TYPE,
+            readable_as: S::Output::READABLE_AS,
+            preset: |of| serde_json::to_value(S::Params::preset(of)).expect("parameters are plain data"),
+            schema: || schemars::schema_for!(S::Params),
+            canonical: |params| serde_json::to_value(serde_json::from_value::<S::Params>(params.clone())?),
+            check: |params| serde_json::from_value::<S::Params>(params.clone()).map(|params| params.check()),
+            needs: |params| serde_json::from_value::<S::Params>(params.clone()).map(|params| params.needs()),
+            run: |params, inputs, cx| {
+                let params: S::Params = serde_json::from_value(params.clone())?;
+                let inputs = S::Inputs::load(inputs)?;
+                let output = S::run(&params, inputs, cx)?;
+                output.save().with_context(|| format!("cannot lay out {}", S::Output::TYPE))
+            },
+        }
+    }
+}
+
+/// Every kind there is, in the order of a pipeline.
+pub fn registry() -> &'static [Kind] {
+    static KINDS: std::sync::LazyLock<Vec<Kind>> = std::sync::LazyLock::new(|| {
+        vec![
+            Kind::of::<generate_data::GenerateData>(),
+            Kind::of::<collect::Collect>(),
+            Kind::of::<train_lce::TrainLce>(),
+            Kind::of::<distill_policy::DistillPolicy>(),
+            Kind::of::<train_sac::TrainSac>(),
+            Kind::of::<control_ilqr::ControlIlqr>(),
+            Kind::of::<evaluate::Evaluate>(),
+            Kind::of::<export_latent_map::ExportLatentMap>(),
+            Kind::of::<summarize::Summarize>(),
+        ]
+    });
+    &KINDS
+}
+
+/// The kind called `name`.
+pub fn kind(name: &str) -> Option<&'static Kind> {
+    registry().iter().find(|kind| kind.name == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::{
+        env::{self, Task},
+        stage::Preset,
+    };
+
+    /// Whether `whole` has every entry of `part`, with a number equal to `7` where `part` has `7.0`.
+    fn contains(whole: &Value, part: &Value) -> bool {
+        match (whole, part) {
+            (Value::Object(whole), Value::Object(part)) => {
+                part.iter().all(|(name, part)| whole.get(name).is_some_and(|whole| contains(whole, part)))
+            }
+            (Value::Number(whole), Value::Number(part)) => whole.as_f64() == part.as_f64(),
+            (whole, part) => whole == part,
+        }
+    }
+
+    #[test]
+    fn every_kind_accepts_and_takes_the_defaults_of_every_task() {
+        for task_kind in env::registry() {
+            let task: Task = serde_json::from_value(json!({ "env": task_kind.name })).unwrap();
+            for kind in registry() {
+                for objective in ["carl", "pcc", "value_guided"] {
+                    for preset in [Preset::Recipe, Preset::Paper] {
+                        let given = json!({ "objective": objective });
+                        let given = given.as_object().unwrap();
+                        let params = (kind.preset)(&PresetOf { preset, task: &task, given });
+                        let declared = task.defaults(kind.name, preset, given);
+                        let place = format!("{} of {} for {objective}: {declared}", kind.name, task.name());
+                        assert!(contains(&params, &declared), "{place} in {params}");
+                        assert_eq!((kind.check)(&params).unwrap(), [], "{place}");
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! The parameters of a kind: their defaults, and the values that are refused.
+
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::Value;
+
+use super::Preset;
+use crate::env::Task;
+
+/// The parameters of a kind. Derive `Serialize`, `Deserialize` (with `deny_unknown_fields, default`) and `JsonSchema`.
+/// The documentation of the fields becomes help text. [`Params::preset`] fills the parameters that a file leaves out.
+pub trait Params: Serialize + DeserializeOwned + Default + schemars::JsonSchema {
+    /// The values of a preset for a task.
+    fn preset(of: &PresetOf<'_>) -> Self;
+
+    /// The values that are out of range.
+    fn check(&self) -> Vec<Refusal> {
+        Vec::new()
+    }
+
+    /// The optional inputs that these parameters need.
+    fn needs(&self) -> &'static [&'static str] {
+        &[]
+    }
+}
+
+/// The parameters of a kind without parameters.
+#[derive(Debug, Default, Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(crate) struct NoParams {}
+
+impl Params for NoParams {
+    fn preset(_: &PresetOf<'_>) -> Self {
+        Self::default()
+    }
+}
+
+/// A parameter that is out of range.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Refusal {
+    /// The parameter's path below the stage, such as `lambda.consistency`.
+    pub path: &'static str,
+    /// A lower-case clause such as ``must be above 0, but is `-1` ``.
+    pub why: String,
+}
+
+/// Refuses a value that is not above zero, nan and inf among them.
+pub fn above_zero(refusals: &mut Vec<Refusal>, path: &'static str, value: f64) {
+    if !(value.is_finite() && value > 0.0) {
+        refusals.push(Refusal { path, why: format!("must be above 0, but is `{value}`") });
+    }
+}
+
+/// Refuses a value outside `low..=high`, nan and inf among them.
+pub fn within(refusals: &mut Vec<Refusal>, path: &'static str, value: f64, low: f64, high: f64) {
+    if !(value.is_finite() && (low..=high).contains(&value)) {
+        refusals.push(Refusal { path, why: format!("must lie in {low}..{high}, but is `{value}`") });
+    }
+}
+
+/// Refuses a count of zero.
+pub fn at_least_one(path: &'static str, value: u64) -> Vec<Refusal> {
+    if value == 0 { vec![Refusal { path, why: "must be at least 1".to_owned() }] } else { Vec::new() }
+}
+
+/// What the defaults of a kind may depend on.
+#[derive(Debug)]
+pub struct PresetOf<'a> {
+    /// Which table of defaults.
+    pub preset: Preset,
+    /// The task of the pipeline.
+    pub task: &'a Task,
+    /// The parameters that the file writes. A choice such as `objective` decides over other defaults.
+    pub given: &'a serde_json::Map<String, Value>,
+}
+
+impl PresetOf<'_> {
+    /// Lays the defaults that the task declares for the kind `stage` over the kind's general ones.
+    ///
+    /// # Panics
+    /// If the task declares a default that the kind does not accept.
+    pub fn lay_task_over<P: Params>(&self, stage: &str, general: P) -> P {
+        let mut values = serde_json::to_value(general).expect("parameters are plain data");
+        lay_over(&mut values, self.task.defaults(stage, self.preset, self.given));
+        let accepted = serde_json::from_value(values);
+        let task = self.task.name();
+        accepted.unwrap_or_else(|error| panic!("the task `{task}` declares a wrong default for `{stage}`: {error}"))
+    }
+}
+
+/// Replaces entries of the table `below` by those of `above`. Tables in both are merged.
+fn lay_over(below: &mut Value, above: Value) {
+    match (below, above) {
+        (Value::Object(below), Value::Object(above)) => {
+            for (name, value) in above {
+                lay_over(below.entry(name).or_insert(Value::Null), value);
+            }
+        }
+        (below, above) => *below = above,
+    }
+}
