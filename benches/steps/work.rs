@@ -67,10 +67,10 @@ fn sizes(name: &str) -> Sizes {
 /// Transitions of the task itself: x and x' in turn, and actions.
 fn transitions(name: &str, rng: &mut Rng) -> (Vec<u8>, Vec<f32>) {
     let task: Task = serde_json::from_value(json!({ "env": name })).expect("a task");
-    let env = task.open();
+    let env = task.system().expect("equations");
     let (mut frames, mut actions) = (Vec::new(), Vec::new());
     for _ in 0..TRANSITIONS {
-        let before = env.sample_state(rng);
+        let before = env.sample_state(rng).expect("a state");
         let now = env.step(&before, &env.sample_action(rng), rng);
         let action = env.sample_action(rng);
         let next = env.step(&now, &action, rng);

@@ -4,7 +4,7 @@
 //! [`Collected`], gets the true states of the second.
 
 use super::{Artifact, Files, Transitions, json, tensors::file};
-use crate::control::rollout::Standing;
+use crate::control::episodes::UnfinishedEpisode;
 
 /// The output of a collection.
 #[derive(Debug, Clone, PartialEq)]
@@ -12,9 +12,10 @@ pub struct Collected {
     /// The transitions, for training.
     pub transitions: Transitions,
     /// The unfinished episode that the next collection continues, if there is one.
-    pub standing: Option<Standing>,
+    pub unfinished: Option<UnfinishedEpisode>,
 }
 
+/// The name from when an unfinished episode was called so. It is part of what digests cover.
 const FILE: &str = "standing.json";
 
 impl Artifact for Collected {
@@ -23,15 +24,15 @@ impl Artifact for Collected {
 
     fn save(&self) -> anyhow::Result<Files> {
         let mut files = self.transitions.save()?;
-        if let Some(standing) = &self.standing {
-            files.insert(FILE.to_owned(), json(standing)?);
+        if let Some(unfinished) = &self.unfinished {
+            files.insert(FILE.to_owned(), json(unfinished)?);
         }
         Ok(files)
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let standing = files.get(FILE).map(|_| file(files, FILE)).transpose()?;
-        let standing = standing.map(|bytes| serde_json::from_slice(&bytes)).transpose()?;
-        Ok(Self { transitions: Transitions::load(files)?, standing })
+        let unfinished = files.get(FILE).map(|_| file(files, FILE)).transpose()?;
+        let unfinished = unfinished.map(|bytes| serde_json::from_slice(&bytes)).transpose()?;
+        Ok(Self { transitions: Transitions::load(files)?, unfinished })
     }
 }

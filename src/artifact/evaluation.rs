@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Artifact, Files, json, tensors::file};
 use crate::{
-    control::rollout::{Controller, Unstick},
+    control::{Controller, episodes::Unstick},
     env::Start,
 };
 

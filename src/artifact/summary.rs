@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Artifact, Files, json, tensors::file};
-use crate::{control::rollout::Controller, env::Start, num::stats::Summary};
+use crate::{control::Controller, env::Start, num::stats::Summary};
 
 /// One metric over models: statistics, and the value of each model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -5,12 +5,14 @@
 //! of the dynamics. All numbers are in double precision.
 
 mod dynamics;
+mod policy;
 #[cfg(test)]
 mod tests;
 
 use crate::num::{linalg::Matrix, rng::Rng, sampling};
 
 pub use dynamics::{Dynamics, Jacobians, LatentDynamics};
+pub use policy::IlqrPolicy;
 
 /// Regularisation of Q_uu at first, and again after every improvement.
 const FIRST_MU: f64 = 1e-5;

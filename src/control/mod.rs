@@ -3,12 +3,18 @@
 
 mod actor_kl;
 pub mod agent;
+mod agent_policy;
 pub mod distill;
+pub mod episodes;
 pub mod guidance;
 pub mod ilqr;
+mod oracle;
+mod policy;
 pub mod regularizer;
-pub mod rollout;
 pub mod sac;
 
 pub use agent::Agent;
-pub use ilqr::Ilqr;
+pub use agent_policy::{Acting, AgentPolicy};
+pub use ilqr::{Ilqr, IlqrPolicy};
+pub use oracle::OraclePolicy;
+pub use policy::{Controller, Goal, Moment, Policy};

@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 use serde_json::{Value, json};
 
 use super::{
-    BackwardSizes, DefaultsOf, Environment, NetworkSizes, Oracle, Preset, Start, TaskKind, TaskOption,
+    BackwardSizes, DefaultsOf, Frames, NetworkSizes, Oracle, Preset, Start, System, Task, TaskKind, TaskOption, World,
     drawing::Canvas,
     ode,
     pole::{self, GRAVITY, disturbed, share, within, wrap},
@@ -35,7 +35,7 @@ pub(super) const TASK: TaskKind = TaskKind {
     about: "balance of a pole on a cart",
     // At the public implementation's 0.02 s no picture shows what a force did.
     options: &[TaskOption::NOISE, TaskOption::STEP],
-    open: |task| Box::new(CartPole { noise: task.number("noise"), step: task.number("step") }),
+    world: World::System(|task| Box::new(CartPole { noise: task.number("noise"), step: task.number("step") })),
     networks: NetworkSizes {
         latent: 8,
         is_convolutional: true,
@@ -45,10 +45,20 @@ pub(super) const TASK: TaskKind = TaskKind {
         backward: BackwardSizes { latent: 10, action: 10, observation: 300, joint: 300 },
     },
     defaults,
+    ceiling,
+    paper_online: |_| Some(95.34),
 };
+
+fn ceiling(task: &Task, start: Start) -> Option<f64> {
+    let known = [(0.02, 98.46), (0.05, 99.43)];
+    let usual = known.iter().find(|it| it.0 == task.number("step") && task.number("noise") == 0.0).map(|it| it.1);
+    usual.map(|usual| if start == Start::Narrow { 100.0 } else { usual })
+}
 
 fn defaults(of: &DefaultsOf<'_>) -> Value {
     match (of.stage, of.preset) {
+        // The paper's share of samples from the preferred region.
+        ("generate_data", _) => json!({ "biased_share": 0.8 }),
         ("train_lce", preset) => train_lce(of, preset),
         // A pole that has fallen, or left the picture, shows nothing more.
         ("collect", Preset::Recipe) => json!({ "episode": 60 }),
@@ -118,13 +128,9 @@ fn slope(&[theta, omega, _, v]: &[f64; 4], force: f64) -> [f64; 4] {
     [omega, turning, v, (push - POLE_MASS * LENGTH * turning * cos) / MASS]
 }
 
-impl Environment for CartPole {
-    fn frame_size(&self) -> (usize, usize) {
-        (SIDE, SIDE)
-    }
-
-    fn frames(&self) -> usize {
-        2
+impl System for CartPole {
+    fn frames(&self) -> Frames {
+        Frames { height: SIDE, width: SIDE, count: 2 }
     }
 
     fn action_limit(&self) -> &[f64] {
@@ -146,31 +152,21 @@ impl Environment for CartPole {
         canvas.line([x, 70.0], [x + 52.0 * libm::sin(theta), 70.0 - 52.0 * libm::cos(theta)], 6);
     }
 
-    fn sample_state(&self, rng: &mut Rng) -> Vec<f64> {
-        [MAX_ANGLE, MAX_OMEGA, TRACK, MAX_SPEED].map(|reach| within(rng, reach)).to_vec()
+    fn sample_state(&self, rng: &mut Rng) -> Option<Vec<f64>> {
+        Some([MAX_ANGLE, MAX_OMEGA, TRACK, MAX_SPEED].map(|reach| within(rng, reach)).to_vec())
     }
 
-    fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Vec<f64> {
-        let mut state = self.sample_state(rng);
+    fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Option<Vec<f64>> {
+        let mut state = self.sample_state(rng)?;
         if is_preferred {
             state[0] = pole::on_either_side(rng, PI / 10.0, PI / 6.0);
         }
-        state
+        Some(state)
     }
 
-    fn biased_share(&self) -> f64 {
-        0.8
-    }
-
-    fn sample_start(&self, rng: &mut Rng) -> Vec<f64> {
-        vec![within(rng, PI / 6.0), 0.0, 0.0, 0.0]
-    }
-
-    fn sample_start_as(&self, start: Start, rng: &mut Rng) -> Vec<f64> {
-        match start {
-            Start::Narrow => vec![within(rng, PI / 10.0), 0.0, 0.0, 0.0],
-            Start::Usual | Start::Paper => self.sample_start(rng),
-        }
+    fn sample_start(&self, start: Start, rng: &mut Rng) -> Vec<f64> {
+        let reach = if start == Start::Narrow { PI / 10.0 } else { PI / 6.0 };
+        vec![within(rng, reach), 0.0, 0.0, 0.0]
     }
 
     fn goals(&self) -> Vec<Vec<f64>> {
@@ -197,8 +193,8 @@ impl Environment for CartPole {
         vec![state[0] - state[1] * self.step, state[1], state[2] - state[3] * self.step, state[3]]
     }
 
-    fn place(&self, state: &[f64]) -> [f32; 2] {
-        [share(state[0], MAX_ANGLE), share(state[2], TRACK)]
+    fn place(&self, state: &[f64]) -> Option<[f32; 2]> {
+        Some([share(state[0], MAX_ANGLE), share(state[2], TRACK)])
     }
 
     fn place_radius(&self, radius: f64) -> f32 {
@@ -206,24 +202,11 @@ impl Environment for CartPole {
     }
 
     /// A linear gain: hard on the angle, and just enough on the position to come back to the middle.
-    fn oracle(&self) -> Oracle<'_> {
+    fn oracle(&self) -> Option<Oracle> {
         const GAIN: [f64; 4] = [50.0, 11.0, 2.5, 4.5];
-        Box::new(|state, _, _| {
+        Some(Box::new(|state, _, _| {
             let force = GAIN.iter().zip(state).map(|(gain, s)| gain * s).sum::<f64>();
             vec![force.clamp(-MAX_FORCE, MAX_FORCE)]
-        })
-    }
-
-    fn ceiling(&self) -> Option<f64> {
-        let known = [(0.02, 98.46), (0.05, 99.43)];
-        known.iter().find(|it| it.0 == self.step && self.noise == 0.0).map(|it| it.1)
-    }
-
-    fn ceiling_as(&self, start: Start) -> Option<f64> {
-        self.ceiling().map(|ceiling| if start == Start::Narrow { 100.0 } else { ceiling })
-    }
-
-    fn paper_online(&self) -> Option<f64> {
-        Some(95.34)
+        }))
     }
 }

@@ -4,7 +4,9 @@
 
 use serde_json::{Value, json};
 
-use super::{BackwardSizes, DefaultsOf, Environment, NetworkSizes, Oracle, Preset, TaskKind, TaskOption};
+use super::{
+    BackwardSizes, DefaultsOf, Frames, NetworkSizes, Oracle, Preset, Start, System, TaskKind, TaskOption, World,
+};
 use crate::num::{rng::Rng, sampling};
 
 const SIDE: usize = 40;
@@ -21,7 +23,7 @@ pub(super) const TASK: TaskKind = TaskKind {
     name: "planar",
     about: "navigation among obstacles",
     options: &[TaskOption::NOISE],
-    open: |task| Box::new(Planar { noise: task.number("noise") }),
+    world: World::System(|task| Box::new(Planar { noise: task.number("noise") })),
     networks: NetworkSizes {
         latent: 2,
         is_convolutional: false,
@@ -31,10 +33,14 @@ pub(super) const TASK: TaskKind = TaskKind {
         backward: BackwardSizes { latent: 5, action: 5, observation: 100, joint: 100 },
     },
     defaults,
+    ceiling: |task, _| (task.number("noise") == 0.0).then_some(78.87),
+    paper_online: |_| Some(68.03),
 };
 
 fn defaults(of: &DefaultsOf<'_>) -> Value {
     match (of.stage, of.preset) {
+        // The paper's share of samples from the preferred region.
+        ("generate_data", _) => json!({ "biased_share": 0.5 }),
         ("train_lce", _) if of.chosen("objective") == Some("value_guided") => json!({
             "lambda": { "prediction": 2.0, "consistency": 11.0 },
             "guidance": { "temperature": 1.0 / 30.0 },
@@ -69,6 +75,11 @@ impl Planar {
     }
 }
 
+/// The position of a state in the unit square.
+fn position(state: &[f64]) -> [f32; 2] {
+    [0, 1].map(|i| (state[i] / SIDE as f64) as f32)
+}
+
 /// A uniformly random valid state with both coordinates below `high`.
 fn sample_below(rng: &mut Rng, high: f64) -> Vec<f64> {
     loop {
@@ -79,9 +90,9 @@ fn sample_below(rng: &mut Rng, high: f64) -> Vec<f64> {
     }
 }
 
-impl Environment for Planar {
-    fn frame_size(&self) -> (usize, usize) {
-        (SIDE, SIDE)
+impl System for Planar {
+    fn frames(&self) -> Frames {
+        Frames { height: SIDE, width: SIDE, count: 1 }
     }
 
     fn action_limit(&self) -> &[f64] {
@@ -119,20 +130,16 @@ impl Environment for Planar {
         }
     }
 
-    fn sample_state(&self, rng: &mut Rng) -> Vec<f64> {
-        sample_below(rng, HIGH)
+    fn sample_state(&self, rng: &mut Rng) -> Option<Vec<f64>> {
+        Some(sample_below(rng, HIGH))
     }
 
     /// Prefers a square of 30 x 30 pixels that holds no goal.
-    fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Vec<f64> {
-        sample_below(rng, if is_preferred { LOW + 30.0 } else { HIGH })
+    fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Option<Vec<f64>> {
+        Some(sample_below(rng, if is_preferred { LOW + 30.0 } else { HIGH }))
     }
 
-    fn biased_share(&self) -> f64 {
-        0.5
-    }
-
-    fn sample_start(&self, rng: &mut Rng) -> Vec<f64> {
+    fn sample_start(&self, _: Start, rng: &mut Rng) -> Vec<f64> {
         [(); 2].map(|()| f64::from(sampling::uniform(rng, 3.0, 7.0))).to_vec()
     }
 
@@ -154,8 +161,8 @@ impl Environment for Planar {
         grid.map(|[r, c]| (vec![r as f64, c as f64], [r - 2, c - 2])).filter(|(s, _)| Self::is_valid(s)).collect()
     }
 
-    fn place(&self, state: &[f64]) -> [f32; 2] {
-        [0, 1].map(|i| (state[i] / SIDE as f64) as f32)
+    fn place(&self, state: &[f64]) -> Option<[f32; 2]> {
+        Some(position(state))
     }
 
     fn place_radius(&self, radius: f64) -> f32 {
@@ -164,20 +171,12 @@ impl Environment for Planar {
 
     fn obstacles(&self) -> Vec<[f32; 3]> {
         let radius = self.place_radius(OBSTACLE_REACH);
-        OBSTACLES.iter().map(|o| self.place(o)).map(|[row, column]| [row, column, radius]).collect()
+        OBSTACLES.iter().map(|o| position(o)).map(|[row, column]| [row, column, radius]).collect()
     }
 
     /// Straight to the goal.
-    fn oracle(&self) -> Oracle<'_> {
-        Box::new(|state, goal, _| [0, 1].map(|i| (goal[i] - state[i]).clamp(-MAX_STEP, MAX_STEP)).to_vec())
-    }
-
-    fn ceiling(&self) -> Option<f64> {
-        (self.noise == 0.0).then_some(78.87)
-    }
-
-    fn paper_online(&self) -> Option<f64> {
-        Some(68.03)
+    fn oracle(&self) -> Option<Oracle> {
+        Some(Box::new(|state, goal, _| [0, 1].map(|i| (goal[i] - state[i]).clamp(-MAX_STEP, MAX_STEP)).to_vec()))
     }
 }
 
@@ -194,7 +193,7 @@ mod tests {
     fn a_picture_has_at_most_130_lit_pixels() {
         let planar = Planar { noise: 0.0 };
         for (state, _) in planar.map_states() {
-            let lit = planar.picture(&state).iter().filter(|&&p| p == 255).count();
+            let lit = planar.observe_at_rest(&state).iter().filter(|&&p| p == 255).count();
             assert!((126..=130).contains(&lit), "{state:?}: {lit}");
         }
     }

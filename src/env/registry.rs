@@ -4,7 +4,7 @@ use std::{ops::RangeInclusive, sync::OnceLock};
 
 use serde_json::Value;
 
-use super::{DefaultsOf, Environment, NetworkSizes, Task, cart_pole, planar, swing_up, three_pole};
+use super::{DefaultsOf, NetworkSizes, Simulator, Spec, Start, System, Task, cart_pole, planar, swing_up, three_pole};
 
 /// One task. Its file declares everything that depends on the task.
 pub struct TaskKind {
@@ -14,12 +14,31 @@ pub struct TaskKind {
     pub about: &'static str,
     /// The options of `[task]`, in the order in which a key lists them.
     pub options: &'static [TaskOption],
-    /// Opens the environment of a task of this kind. [`Task::check`] has accepted the options.
-    pub open: fn(&Task) -> Box<dyn Environment>,
+    /// What moves when an action is applied.
+    pub world: World,
     /// Widths of the networks that learn this task.
     pub networks: NetworkSizes,
     /// Parameters of a stage kind that differ from the kind's general preset, as a table that is laid over it.
     pub defaults: fn(&DefaultsOf<'_>) -> Value,
+    /// Mean %-goal of the best controller known, with the task's own goals and radius, counting T+1 states; `None` with
+    /// options under which it was not measured.
+    pub ceiling: fn(&Task, Start) -> Option<f64>,
+    /// Mean %-goal of online CARL in the paper's Table 1, if the table has this system.
+    pub paper_online: fn(&Task) -> Option<f64>,
+}
+
+/// What moves when an action is applied. [`Task::check`] has accepted the options of the task.
+#[derive(Debug, Clone, Copy)]
+pub enum World {
+    /// Equations over known states. The program simulates them.
+    System(fn(&Task) -> Box<dyn System>),
+    /// A simulator that does not tell its equations, such as another process.
+    Simulator {
+        /// What is known before the simulator is started.
+        spec: fn(&Task) -> Spec,
+        /// Starts the simulator.
+        open: fn(&Task) -> anyhow::Result<Box<dyn Simulator>>,
+    },
 }
 
 impl std::fmt::Debug for TaskKind {

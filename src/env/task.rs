@@ -9,8 +9,9 @@ use serde::{
 };
 
 use super::{
-    DefaultsOf, Environment, NetworkSizes,
-    registry::{OptionValue, TaskKind, TaskOption, registry, task_kind},
+    DefaultsOf, NetworkSizes, Simulator, Spec, Start, System,
+    registry::{OptionValue, TaskKind, TaskOption, World, registry, task_kind},
+    simulate,
 };
 
 /// The `[task]` table, with the defaults of the environment written out.
@@ -45,9 +46,41 @@ impl Task {
         self.kind.name
     }
 
-    /// The environment with these options, which [`Task::check`] has accepted.
-    pub fn open(&self) -> Box<dyn Environment> {
-        (self.kind.open)(self)
+    /// Starts a simulator of the task, whose options [`Task::check`] has accepted.
+    ///
+    /// # Errors
+    /// Whatever keeps the simulator from starting.
+    pub fn open(&self) -> anyhow::Result<Box<dyn Simulator>> {
+        match self.kind.world {
+            World::System(system) => Ok(simulate(system(self))),
+            World::Simulator { open, .. } => open(self),
+        }
+    }
+
+    /// The equations of the task; `None` where only a simulator knows them.
+    pub fn system(&self) -> Option<Box<dyn System>> {
+        match self.kind.world {
+            World::System(system) => Some(system(self)),
+            World::Simulator { .. } => None,
+        }
+    }
+
+    /// What is known of the task before it is simulated.
+    pub fn spec(&self) -> Spec {
+        match self.kind.world {
+            World::System(system) => system(self).spec(),
+            World::Simulator { spec, .. } => spec(self),
+        }
+    }
+
+    /// Mean %-goal of the best controller known from these starts, with the task's own goals and radius.
+    pub fn ceiling_of(&self, start: Start) -> Option<f64> {
+        (self.kind.ceiling)(self, start)
+    }
+
+    /// Mean %-goal of online CARL in the paper's Table 1, if the table has this system.
+    pub fn paper_online(&self) -> Option<f64> {
+        (self.kind.paper_online)(self)
     }
 
     /// Widths of the networks that learn this task.
@@ -292,8 +325,10 @@ mod tests {
             let task = task(json!({ "env": env }));
             assert!(task.check().is_empty());
             assert_eq!(task.name(), env);
-            let env = task.open();
-            assert_eq!((env.action_limit().len(), env.frames()), (action, frames));
+            let spec = task.spec();
+            assert_eq!((spec.action_limit.len(), spec.frames.count), (action, frames));
+            let (height, width) = spec.frames.observation();
+            assert_eq!(task.open().unwrap().observe().len(), height * width);
         }
     }
 }

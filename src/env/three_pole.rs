@@ -8,7 +8,8 @@ use std::f64::consts::PI;
 use serde_json::{Value, json};
 
 use super::{
-    BackwardSizes, DefaultsOf, Environment, NetworkSizes, OptionValue, Oracle, Preset, Start, TaskKind, TaskOption,
+    BackwardSizes, DefaultsOf, Frames, NetworkSizes, OptionValue, Oracle, Preset, Start, System, Task, TaskKind,
+    TaskOption, World,
     drawing::Canvas,
     ode,
     planner::{Effort, improve},
@@ -49,9 +50,9 @@ pub(super) const TASK: TaskKind = TaskKind {
             about: "links of the arm",
         },
     ],
-    open: |task| {
+    world: World::System(|task| {
         Box::new(ThreePole { noise: task.number("noise"), step: task.number("step"), links: task.count("links") })
-    },
+    }),
     networks: NetworkSizes {
         latent: 8,
         is_convolutional: true,
@@ -61,10 +62,20 @@ pub(super) const TASK: TaskKind = TaskKind {
         backward: BackwardSizes { latent: 10, action: 10, observation: 400, joint: 400 },
     },
     defaults,
+    ceiling,
+    paper_online: |task| (task.count("links") == 3).then_some(62.17),
 };
+
+/// The best that was found, not a proven bound.
+fn ceiling(task: &Task, start: Start) -> Option<f64> {
+    let is_measured = (task.count("links"), task.number("step"), task.number("noise")) == (3, 0.05, 0.0);
+    is_measured.then_some(if start == Start::Paper { 90.55 } else { 91.54 })
+}
 
 fn defaults(of: &DefaultsOf<'_>) -> Value {
     match (of.stage, of.preset) {
+        // The paper's share of samples from the preferred region.
+        ("generate_data", _) => json!({ "biased_share": 0.2 }),
         ("train_lce", preset) => train_lce(of, preset),
         // Three links take long to stand up. Most states of the data fall whatever is done, so critics that also learn to
         // reach them learn little.
@@ -230,13 +241,9 @@ fn is_upright(state: &[f64], reach: f64) -> bool {
     leans(state).all(|angle| angle.abs() < reach)
 }
 
-impl Environment for ThreePole {
-    fn frame_size(&self) -> (usize, usize) {
-        (SIDE, SIDE)
-    }
-
-    fn frames(&self) -> usize {
-        2
+impl System for ThreePole {
+    fn frames(&self) -> Frames {
+        Frames { height: SIDE, width: SIDE, count: 2 }
     }
 
     fn action_limit(&self) -> &[f64] {
@@ -262,29 +269,22 @@ impl Environment for ThreePole {
         }
     }
 
-    fn sample_state(&self, rng: &mut Rng) -> Vec<f64> {
-        MAX_ANGLE[..self.links].iter().flat_map(|&reach| [within(rng, reach), within(rng, MAX_OMEGA)]).collect()
+    fn sample_state(&self, rng: &mut Rng) -> Option<Vec<f64>> {
+        let joint = |&reach: &f64| [within(rng, reach), within(rng, MAX_OMEGA)];
+        Some(MAX_ANGLE[..self.links].iter().flat_map(joint).collect())
     }
 
     /// Prefers half of every angle's range, around the upright.
-    fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Vec<f64> {
-        let mut state = self.sample_state(rng);
+    fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Option<Vec<f64>> {
+        let mut state = self.sample_state(rng)?;
         if is_preferred {
             state.iter_mut().step_by(2).for_each(|angle| *angle /= 2.0);
         }
-        state
+        Some(state)
     }
 
-    fn biased_share(&self) -> f64 {
-        0.2
-    }
-
-    /// Always the same, as in the paper, close to its π, 2π/3, π/3.
-    fn sample_start(&self, _: &mut Rng) -> Vec<f64> {
-        self.state_of(START)
-    }
-
-    fn sample_start_as(&self, start: Start, _: &mut Rng) -> Vec<f64> {
+    /// Always the same, as in the paper. The usual start is close to the paper's π, 2π/3, π/3.
+    fn sample_start(&self, start: Start, _: &mut Rng) -> Vec<f64> {
         match start {
             Start::Paper => self.state_of(MAX_ANGLE),
             Start::Usual | Start::Narrow => self.state_of(START),
@@ -315,8 +315,8 @@ impl Environment for ThreePole {
         state.as_chunks::<2>().0.iter().flat_map(|&[angle, omega]| [angle - omega * step, omega]).collect()
     }
 
-    fn place(&self, state: &[f64]) -> [f32; 2] {
-        [share(state[0], MAX_ANGLE[0]), share(state[2], MAX_ANGLE[1])]
+    fn place(&self, state: &[f64]) -> Option<[f32; 2]> {
+        Some([share(state[0], MAX_ANGLE[0]), share(state[2], MAX_ANGLE[1])])
     }
 
     /// The direction of every link.
@@ -329,12 +329,13 @@ impl Environment for ThreePole {
     }
 
     /// Plans ahead: thoroughly at first, then by mending the rest of the last plan.
-    fn oracle(&self) -> Oracle<'_> {
+    fn oracle(&self) -> Option<Oracle> {
         const HORIZON: usize = 24;
         const AHEAD: usize = 10;
+        let arm = *self;
         let mut plan: Vec<f64> = Vec::new();
-        Box::new(move |state, _, rng| {
-            let n = self.links;
+        Some(Box::new(move |state, _, rng| {
+            let n = arm.links;
             let (sigma, effort) = if plan.is_empty() {
                 plan = vec![0.0; HORIZON * n];
                 (1.0, Effort { plans: 400, rounds: 20 })
@@ -343,23 +344,9 @@ impl Environment for ThreePole {
                 plan.resize(plan.len().max(AHEAD * n), 0.0);
                 (0.3, Effort { plans: 40, rounds: 2 })
             };
-            plan = improve(&plan, sigma, effort, |plan| self.cost(state, plan), rng);
+            plan = improve(&plan, sigma, effort, |plan| arm.cost(state, plan), rng);
             plan[..n].iter().zip(MAX_TORQUE).map(|(u, limit)| u * limit).collect()
-        })
-    }
-
-    /// The best found, not a proven bound.
-    fn ceiling(&self) -> Option<f64> {
-        ((self.links, self.step, self.noise) == (3, 0.05, 0.0)).then_some(91.54)
-    }
-
-    /// From the paper's start only the best found, too.
-    fn ceiling_as(&self, start: Start) -> Option<f64> {
-        self.ceiling().map(|ceiling| if start == Start::Paper { 90.55 } else { ceiling })
-    }
-
-    fn paper_online(&self) -> Option<f64> {
-        (self.links == 3).then_some(62.17)
+        }))
     }
 }
 

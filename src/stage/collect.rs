@@ -3,16 +3,18 @@
 //! Where episodes go on from collection to collection, true states travel beside the transitions, and only from here to
 //! here: see `artifact::Collected`.
 
+use anyhow::Context as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Preset, PresetOf, Refusal, Stage, StageCx, generate_data::none_yet, inputs};
+use super::{Preset, PresetOf, Refusal, Stage, StageCx, controllers::Controllers, generate_data::none_yet, inputs};
 use crate::{
     artifact::{Collected, TrainedModel},
     control::{
-        Agent,
-        rollout::{self, Acting, Episode, Standing, Step, Unstick},
+        Acting, Agent, Controller,
+        episodes::{self, Episode, Step, Streams, UnfinishedEpisode, Unstick},
     },
+    env::{Simulator, Start},
     num::sampling,
     record::{At, Level, topic},
 };
@@ -39,7 +41,7 @@ impl Default for Params {
 
 impl super::Params for Params {
     fn preset(of: &PresetOf<'_>) -> Self {
-        let horizon = of.task.open().horizon() as u64;
+        let horizon = of.task.spec().horizon as u64;
         // The paper's episodes follow the policy throughout.
         let explore = if of.preset == Preset::Paper { 0.0 } else { Self::default().explore };
         of.lay_task_over(Collect::KIND, Self { episode: horizon, explore, ..Self::default() })
@@ -79,16 +81,15 @@ impl Stage for Collect {
     type Output = Collected;
 
     fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<Collected> {
-        let env = cx.task.open();
+        let (mut simulator, spec) = (cx.task.open()?, cx.task.spec());
         let mut rng = cx.rng("episodes");
-        let goals = env.goals();
-        let mut transitions = none_yet(&*env);
+        let mut transitions = none_yet(&*simulator, &spec);
         let (height, width) = transitions.picture;
         // Every goal in turn, from a random one on.
-        let mut goal = sampling::index(&mut rng, goals.len());
+        let mut goal = sampling::index(&mut rng, spec.goals);
         let total = params.samples as usize;
-        let mut standing = inputs.last.and_then(|last| last.standing).filter(|_| params.r#continue);
-        let longest = env.horizon().min(params.episode as usize);
+        let mut unfinished = inputs.last.and_then(|last| last.standing).filter(|_| params.r#continue);
+        let longest = spec.horizon.min(params.episode as usize);
         let whole = if params.r#continue { longest } else { longest.min(total) };
         let follows = ((1.0 - params.explore) * whole as f64).round() as usize;
         let suspect = &inputs.model.suspect_goals;
@@ -98,34 +99,40 @@ impl Stage for Collect {
             cx.record.log(At::new(cx.round, 0, 0), Level::Info, &sentence);
             cx.say(&sentence);
         }
+        let controllers = Controllers { model: Some(&inputs.model.model), agent: Some(&inputs.agent), ilqr: None };
+        let mut policy = controllers.policy(Controller::Agent, Acting::Sample, cx.task)?;
         while transitions.len() < total {
-            let (episode, done) = if let Some(Standing { before, state, goal: its_goal, steps }) = standing.take() {
-                anyhow::ensure!(its_goal < goals.len(), "the last episode had goal {its_goal}, of another task");
-                goal = its_goal;
-                (Episode { before, start: state, goal: goals[goal].clone() }, steps)
+            let done = if let Some(episode) = unfinished.take() {
+                goal = episode.goal;
+                simulator.restore(&episode.snapshot(), goal).context("cannot continue the last episode of `last`")?;
+                episode.steps
             } else {
-                goal = (goal + 1) % goals.len();
-                (Episode::at_rest(env.sample_start(&mut rng), goals[goal].clone()), 0)
+                goal = (goal + 1) % spec.goals;
+                simulator.reset(Start::Usual, goal, &mut rng)?;
+                0
             };
             let steps = longest.saturating_sub(done).min(total - transitions.len());
-            let controller = (&inputs.model.model, &inputs.agent);
-            let acting = if suspect.contains(&goal) {
-                Acting::SampleThenRandom(follows.saturating_sub(done))
-            } else {
-                Acting::Sample
-            };
-            let path = rollout::run(&*env, controller, &episode, steps, (acting, Unstick::Off), &mut rng);
+            let random_from = suspect.contains(&goal).then(|| follows.saturating_sub(done));
+            let episode = Episode { goal, steps, unstick: Unstick::Off, random_from };
+            let plans = cx.rng(("plans", transitions.len() as u64));
+            let streams = Streams { acting: &mut rng, plans };
+            let path = episodes::run(&mut *simulator, &mut *policy, episode, streams, |_| ())?;
             for step in &path {
-                transitions.push(&step.before, &step.action, &step.after, goal as u32);
+                transitions.push(&step.observation, &step.action, &step.next_observation, goal as u32);
             }
             let at = At::new(cx.round, 0, transitions.len() as u64);
-            if let Some(Step { state, next, after, .. }) = path.into_iter().next_back() {
-                cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, &after);
-                let goes_on = params.r#continue && done + steps < longest;
-                standing = goes_on.then(|| Standing { before: state, state: next, goal, steps: done + steps });
+            if let Some(Step { next_observation, .. }) = path.last() {
+                cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, next_observation);
+                let is_unfinished = params.r#continue && done + steps < longest;
+                unfinished = is_unfinished.then(|| unfinished_episode(&*simulator, goal, done + steps)).transpose()?;
             }
             cx.progress(transitions.len() as u64, params.samples, "")?;
         }
-        Ok(Collected { transitions, standing })
+        Ok(Collected { transitions, standing: unfinished })
     }
+}
+
+fn unfinished_episode(simulator: &dyn Simulator, goal: usize, steps: usize) -> anyhow::Result<UnfinishedEpisode> {
+    let now = simulator.snapshot().context("the simulator does not tell its state, which `continue` needs")?;
+    Ok(UnfinishedEpisode { before: now.before.clone(), state: now.state.clone(), goal, steps })
 }

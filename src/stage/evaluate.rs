@@ -1,18 +1,20 @@
-//! Measures an agent, iLQR, or the controller that knows true states, on episodes that every round and algorithm with
-//! the same seed shares.
+//! Measures a controller on episodes that every round and algorithm with the same seed shares.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Preset, PresetOf, Refusal, Stage, StageCx, above_zero, inputs};
+use super::{
+    Preset, PresetOf, Refusal, Stage, StageCx, above_zero,
+    controllers::{self, Controllers},
+    inputs,
+};
 use crate::{
     artifact::{EpisodeResult, Evaluation, TrainedModel},
     control::{
-        Agent, Ilqr,
-        rollout::{self, Acting, Controller, Episode, Step, Unstick},
+        Acting, Agent, Controller, Ilqr, Policy,
+        episodes::{self, Episode, Streams, Unstick},
     },
-    env::{Environment, Start},
-    lce::LceModel,
+    env::{Simulator, Start, System},
     num::rng::Rng,
     record::{At, TrajectoryFrame, topic},
 };
@@ -21,7 +23,7 @@ use crate::{
 #[serde(deny_unknown_fields)]
 #[serde(default)]
 pub(super) struct Params {
-    /// Who acts.
+    /// The controller that is measured.
     controller: Controller,
     /// Episodes to run.
     episodes: u64,
@@ -29,7 +31,7 @@ pub(super) struct Params {
     start: Start,
     /// Largest distance from the goal state that counts as being there; an angle in tasks with poles.
     radius: f64,
-    /// What to do when an action changed nothing in the picture; the policy alone is measured beside it.
+    /// What happens after an action that left the image unchanged. The policy alone is measured, too.
     unstick: Unstick,
 }
 
@@ -41,11 +43,11 @@ impl Default for Params {
 
 impl super::Params for Params {
     fn preset(of: &PresetOf<'_>) -> Self {
-        let env = of.task.open();
+        let spec = of.task.spec();
         // Two frames that stay the same show a pole at rest, which may be what is wanted.
-        let off = of.preset == Preset::Paper || env.frames() > 1;
+        let off = of.preset == Preset::Paper || spec.frames.count > 1;
         let unstick = if off { Unstick::Off } else { Unstick::Random };
-        of.lay_task_over(Evaluate::KIND, Self { radius: env.goal_radius(), unstick, ..Self::default() })
+        of.lay_task_over(Evaluate::KIND, Self { radius: spec.goal_radius, unstick, ..Self::default() })
     }
 
     fn check(&self) -> Vec<Refusal> {
@@ -55,11 +57,7 @@ impl super::Params for Params {
     }
 
     fn needs(&self) -> &'static [&'static str] {
-        match self.controller {
-            Controller::Agent => &["model", "agent"],
-            Controller::Ilqr => &["model", "ilqr"],
-            Controller::Oracle => &[],
-        }
+        controllers::needs(self.controller)
     }
 }
 
@@ -74,44 +72,10 @@ inputs! {
     }
 }
 
-/// Who acts, with what that takes.
-#[derive(Clone, Copy)]
-enum Actor<'a> {
-    Agent(&'a LceModel, &'a Agent),
-    Ilqr(&'a LceModel, &'a Ilqr),
-    Oracle,
-}
-
 impl Inputs {
-    fn actor(&self, controller: Controller) -> anyhow::Result<Actor<'_>> {
+    fn controllers(&self) -> Controllers<'_> {
         let model = self.model.as_ref().map(|trained| &trained.model);
-        match (controller, model, &self.agent, &self.ilqr) {
-            (Controller::Oracle, ..) => Ok(Actor::Oracle),
-            (Controller::Agent, Some(model), Some(agent), _) => Ok(Actor::Agent(model, agent)),
-            (Controller::Ilqr, Some(model), _, Some(ilqr)) => Ok(Actor::Ilqr(model, ilqr)),
-            (Controller::Agent, ..) => anyhow::bail!("an agent needs the inputs `model` and `agent`"),
-            (Controller::Ilqr, ..) => anyhow::bail!("iLQR needs the inputs `model` and `ilqr`"),
-        }
-    }
-}
-
-impl Actor<'_> {
-    fn run(
-        self,
-        env: &dyn Environment,
-        episode: &Episode,
-        steps: usize,
-        unstick: Unstick,
-        (mut acting, plans): (Rng, Rng),
-    ) -> Vec<Step> {
-        let rng = &mut acting;
-        match self {
-            Self::Agent(model, agent) => {
-                rollout::run(env, (model, agent), episode, steps, (Acting::Mean, unstick), rng)
-            }
-            Self::Ilqr(model, ilqr) => rollout::run_ilqr(env, (model, ilqr), episode, steps, unstick, (rng, plans)),
-            Self::Oracle => rollout::run_oracle(env, episode, steps, rng),
-        }
+        Controllers { model, agent: self.agent.as_ref(), ilqr: self.ilqr.as_ref() }
     }
 }
 
@@ -127,51 +91,39 @@ impl Stage for Evaluate {
     type Output = Evaluation;
 
     fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<Evaluation> {
-        let env = cx.task.open();
-        let steps = env.horizon() + 1;
-        let count = params.episodes as usize;
-        let episodes = rollout::draw_episodes(&*env, params.start, count, &mut cx.shared_rng("episodes"));
-        let ceiling = env.ceiling_as(params.start);
-        let goals = env.goals();
-        let actor = inputs.actor(params.controller)?;
+        let spec = cx.task.spec();
         let unstick = if params.controller == Controller::Oracle { Unstick::Off } else { params.unstick };
         let params = &Params { unstick, ..*params };
-        let mut results = Vec::new();
-        let mut percent_goal_t = 0.0;
-        record_obstacles(&*env, cx);
-        for (number, episode) in episodes.iter().enumerate() {
-            let run = |unstick: Unstick| {
-                let [acting, plans] = ["acting", "plans"].map(|purpose| cx.shared_rng((purpose, number as u64)));
-                actor.run(&*env, episode, steps, unstick, (acting, plans))
+        let mut trial = Trial {
+            simulator: cx.task.open()?,
+            policy: inputs.controllers().policy(params.controller, Acting::Mean, cx.task)?,
+            params,
+            steps: spec.horizon + 1,
+        };
+        let scene = Scene { system: cx.task.system() };
+        scene.record_obstacles(cx);
+        // Two equal streams: the policy alone starts where the policy with the rule starts.
+        let [mut starts, mut starts_alone] = [(); 2].map(|()| cx.shared_rng("episodes"));
+        let [goals, _] =
+            [&mut starts, &mut starts_alone].map(|rng| episodes::draw_goals(params.episodes as usize, spec.goals, rng));
+        let (mut results, mut percent_goal_t) = (Vec::new(), 0.0);
+        for (number, goal) in goals.into_iter().enumerate() {
+            let path = trial.run(number, goal, params.unstick, &mut starts, cx)?;
+            let policy_alone = match params.unstick {
+                Unstick::Off => percent(&path.is_at_goal),
+                Unstick::Random => percent(&trial.run(number, goal, Unstick::Off, &mut starts_alone, cx)?.is_at_goal),
             };
-            let at_goal = |path: &[Step]| {
-                let hits = path.iter().filter(|step| env.at_goal(&step.next, &episode.goal, params.radius)).count();
-                100.0 * hits as f64 / path.len() as f64
-            };
-            let path = run(params.unstick);
-            let policy_alone =
-                if params.unstick == Unstick::Off { at_goal(&path) } else { at_goal(&run(Unstick::Off)) };
-            percent_goal_t += at_goal(&path[..env.horizon()]) / params.episodes as f64;
-            let first = path.iter().take(1).map(|step| step.state.clone());
-            let result = EpisodeResult {
-                goal: goals.iter().position(|goal| *goal == episode.goal).unwrap_or_default(),
-                percent_goal: at_goal(&path),
-                policy_alone,
-                path: first.chain(path.iter().map(|step| step.next.clone())).collect(),
-            };
-            record_trajectory(&*env, params, &goals[result.goal], number, &result, cx);
+            percent_goal_t += percent(&path.is_at_goal[..spec.horizon]) / params.episodes as f64;
+            let percent_goal = percent(&path.is_at_goal);
+            let result = EpisodeResult { goal, percent_goal, policy_alone, path: path.states };
+            scene.record_trajectory(number, &result, params.radius, cx);
             results.push(result);
             cx.progress(number as u64 + 1, params.episodes, "")?;
         }
         let mean = |of: fn(&EpisodeResult) -> f64| results.iter().map(of).sum::<f64>() / results.len() as f64;
         let (percent_goal, policy_alone) = (mean(|r| r.percent_goal), mean(|r| r.policy_alone));
-        let at = At::new(cx.round, 0, 0);
-        let mut curves = vec![("percent_goal", percent_goal), ("policy_alone", policy_alone)];
-        curves.extend(env.paper_online().map(|percent| ("paper", percent)));
-        curves.extend(ceiling.map(|percent| ("ceiling", percent)));
-        cx.record.scalars(topic::PERCENT_GOAL, at, &curves);
-        cx.metric("percent_goal", percent_goal);
-        cx.metric("policy_alone", policy_alone);
+        let ceiling = cx.task.ceiling_of(params.start);
+        record_percent_goal(percent_goal, policy_alone, ceiling, cx);
         Ok(Evaluation {
             controller: params.controller,
             start: params.start,
@@ -181,34 +133,88 @@ impl Stage for Evaluate {
             share_of_ceiling: ceiling.map(|ceiling| 100.0 * percent_goal / ceiling),
             unstick: params.unstick,
             radius: params.radius,
-            horizon: env.horizon(),
+            horizon: spec.horizon,
             episodes: results,
         })
     }
 }
 
-fn record_obstacles(env: &dyn Environment, cx: &mut StageCx<'_>) {
-    let circles = env.obstacles();
-    if !circles.is_empty() {
-        cx.record.obstacles(topic::OBSTACLES, At::new(cx.round, 0, 0), &circles);
+fn record_percent_goal(percent_goal: f64, policy_alone: f64, ceiling: Option<f64>, cx: &mut StageCx<'_>) {
+    let mut curves = vec![("percent_goal", percent_goal), ("policy_alone", policy_alone)];
+    curves.extend(cx.task.paper_online().map(|percent| ("paper", percent)));
+    curves.extend(ceiling.map(|percent| ("ceiling", percent)));
+    cx.record.scalars(topic::PERCENT_GOAL, At::new(cx.round, 0, 0), &curves);
+    cx.metric("percent_goal", percent_goal);
+    cx.metric("policy_alone", policy_alone);
+}
+
+/// A policy in a simulator, ready for one episode after the other.
+struct Trial<'a> {
+    simulator: Box<dyn Simulator>,
+    policy: Box<dyn Policy + 'a>,
+    params: &'a Params,
+    steps: usize,
+}
+
+/// What an episode gave.
+struct Path {
+    /// Whether the state after each step is at the goal.
+    is_at_goal: Vec<bool>,
+    /// The start and the state after each step; empty where the simulator does not tell its states.
+    states: Vec<Vec<f64>>,
+}
+
+impl Trial<'_> {
+    /// Runs an episode whose start is drawn from `starts`.
+    fn run(
+        &mut self,
+        number: usize,
+        goal: usize,
+        unstick: Unstick,
+        starts: &mut Rng,
+        cx: &StageCx<'_>,
+    ) -> anyhow::Result<Path> {
+        let simulator = &mut *self.simulator;
+        simulator.reset(self.params.start, goal, starts)?;
+        let state = |simulator: &dyn Simulator| simulator.snapshot().map(|now| now.state.clone());
+        let mut path = Path { is_at_goal: Vec::new(), states: state(simulator).into_iter().collect() };
+        let [mut acting, plans] = ["acting", "plans"].map(|purpose| cx.shared_rng((purpose, number as u64)));
+        let episode = Episode { goal, steps: self.steps, unstick, random_from: None };
+        let streams = Streams { acting: &mut acting, plans };
+        episodes::run(simulator, &mut *self.policy, episode, streams, |simulator| {
+            path.is_at_goal.push(simulator.is_at_goal(self.params.radius));
+            path.states.extend(state(simulator));
+        })?;
+        Ok(path)
     }
 }
 
-fn record_trajectory(
-    env: &dyn Environment,
-    params: &Params,
-    goal: &[f64],
-    number: usize,
-    result: &EpisodeResult,
-    cx: &mut StageCx<'_>,
-) {
-    let path: Vec<[f32; 2]> = result.path.iter().map(|state| env.place(state)).collect();
-    let frame = TrajectoryFrame {
-        episode: number as u32,
-        path: &path,
-        goal: env.place(goal),
-        radius: env.place_radius(params.radius),
-        percent_goal: result.percent_goal,
-    };
-    cx.record.trajectory(topic::TRAJECTORY, At::new(cx.round, 0, number as u64), &frame);
+fn percent(is_at_goal: &[bool]) -> f64 {
+    let hits = is_at_goal.iter().filter(|&&hit| hit).count();
+    100.0 * hits as f64 / is_at_goal.len() as f64
+}
+
+/// Records where episodes go, in tasks whose states have a position.
+struct Scene {
+    system: Option<Box<dyn System>>,
+}
+
+impl Scene {
+    fn record_obstacles(&self, cx: &mut StageCx<'_>) {
+        let circles = self.system.as_ref().map(|system| system.obstacles()).unwrap_or_default();
+        if !circles.is_empty() {
+            cx.record.obstacles(topic::OBSTACLES, At::new(cx.round, 0, 0), &circles);
+        }
+    }
+
+    fn record_trajectory(&self, number: usize, result: &EpisodeResult, radius: f64, cx: &mut StageCx<'_>) {
+        let Some(system) = &self.system else { return };
+        let path: Option<Vec<[f32; 2]>> = result.path.iter().map(|state| system.place(state)).collect();
+        let goal = system.place(&system.goals()[result.goal]);
+        let Some((path, goal)) = path.zip(goal) else { return };
+        let radius = system.place_radius(radius);
+        let frame =
+            TrajectoryFrame { episode: number as u32, path: &path, goal, radius, percent_goal: result.percent_goal };
+        cx.record.trajectory(topic::TRAJECTORY, At::new(cx.round, 0, number as u64), &frame);
+    }
 }

@@ -25,7 +25,9 @@ impl Stage for ExportLatentMap {
     type Output = LatentMap;
 
     fn run(_: &NoParams, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<LatentMap> {
-        let map = cx.map_probe().map(&inputs.model.model);
+        let (probe, task) = (cx.map_probe(), cx.task.name());
+        anyhow::ensure!(probe.has_map(), "`{task}` declares no states for a latent map");
+        let map = probe.map(&inputs.model.model);
         probe::write(&map, cx.record, At::new(cx.round, 0, 0));
         cx.metric("map_quality", map.quality);
         Ok(map)

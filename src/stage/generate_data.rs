@@ -1,12 +1,13 @@
 //! Transitions from uniformly random states and actions (paper, "Data Generation Procedure").
 
+use anyhow::Context as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{PresetOf, Refusal, Stage, StageCx, inputs, within};
 use crate::{
     artifact::Transitions,
-    env::Environment,
+    env::{Simulator, Snapshot, Spec, Start, System},
     num::{rng::Rng, sampling},
     record::{At, topic},
 };
@@ -16,11 +17,12 @@ use crate::{
 pub(super) struct Params {
     /// Transitions to draw.
     samples: u64,
-    /// Transitions in a row, by random actions from one random state on; 1 draws a state for each of them.
+    /// Transitions that follow each other by random actions. Each such trajectory begins in a random state, or at the
+    /// start of an episode in tasks that draw no states.
     trajectory: u64,
     /// Where states are drawn from.
     region: Region,
-    /// Share of states from the preferred part of the region `biased`, p in the paper.
+    /// Share of states from the preferred region, where `region` is `biased`; p in the paper.
     biased_share: f64,
 }
 
@@ -28,9 +30,9 @@ pub(super) struct Params {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Region {
-    /// Everywhere.
+    /// All states.
     All,
-    /// As in the paper's experiment with biased sampling: mostly where a task begins.
+    /// The two regions of the paper's experiment with biased sampling; the preferred one is mostly where a task begins.
     Biased,
 }
 
@@ -42,8 +44,7 @@ impl Default for Params {
 
 impl super::Params for Params {
     fn preset(of: &PresetOf<'_>) -> Self {
-        let general = Self { biased_share: of.task.open().biased_share(), ..Self::default() };
-        of.lay_task_over(GenerateData::KIND, general)
+        of.lay_task_over(GenerateData::KIND, Self::default())
     }
 
     fn check(&self) -> Vec<Refusal> {
@@ -69,59 +70,78 @@ impl Stage for GenerateData {
     type Output = Transitions;
 
     fn run(params: &Params, _: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<Transitions> {
-        let env = cx.task.open();
+        let (mut simulator, spec) = (cx.task.open()?, cx.task.spec());
+        let states = States { system: cx.task.system(), task: cx.task.name(), spec: &spec, params };
         let mut rng = cx.rng("transitions");
-        let goals = env.goals();
-        let mut transitions = none_yet(&*env);
+        let mut transitions = none_yet(&*simulator, &spec);
         let (height, width) = transitions.picture;
-        let (mut before, mut state) = (Vec::new(), Vec::new());
         for sample in 0..params.samples {
             if sample % params.trajectory == 0 {
-                (before, state) = params.draw(&*env, &mut rng);
+                states.enter(&mut *simulator, &mut rng)?;
             }
-            let action = env.sample_action(&mut rng);
-            let next = env.step(&state, &action, &mut rng);
-            let goal = sampling::index(&mut rng, goals.len()) as u32;
-            let scaled: Vec<f32> = action.iter().zip(env.action_limit()).map(|(u, limit)| (u / limit) as f32).collect();
-            let (now, after) = (env.observe(&before, &state), env.observe(&state, &next));
+            let action = random_action(&spec, &mut rng);
+            let observation = simulator.observe();
+            simulator.step(&action, &mut rng)?;
+            let goal = sampling::index(&mut rng, spec.goals) as u32;
             if sample % 64 == 0 {
                 let at = At::new(cx.round, 0, sample);
-                cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, &now);
+                cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, &observation);
                 cx.progress(sample, params.samples, "")?;
             }
-            transitions.push(&now, &scaled, &after, goal);
-            (before, state) = (state, next);
+            transitions.push(&observation, &action, &simulator.observe(), goal);
         }
         Ok(transitions)
     }
 }
 
-impl Params {
-    /// A random state, and the one before it: where two frames make an observation, a random action leads from a random
-    /// state to the state that is meant.
-    fn draw(&self, env: &dyn Environment, rng: &mut Rng) -> (Vec<f64>, Vec<f64>) {
-        let drawn = match self.region {
-            Region::All => env.sample_state(rng),
-            Region::Biased => {
-                let is_preferred = f64::from(sampling::uniform(rng, 0.0, 1.0)) < self.biased_share;
-                env.sample_biased(is_preferred, rng)
-            }
-        };
-        if env.frames() == 1 {
-            return (drawn.clone(), drawn);
+/// Where trajectories begin.
+struct States<'a> {
+    system: Option<Box<dyn System>>,
+    task: &'a str,
+    spec: &'a Spec,
+    params: &'a Params,
+}
+
+impl States<'_> {
+    /// Puts the simulator where the next trajectory begins: into a random state, or at the start of an episode where
+    /// states cannot be drawn.
+    fn enter(&self, simulator: &mut dyn Simulator, rng: &mut Rng) -> anyhow::Result<()> {
+        let Some(drawn) = self.draw(rng)? else { return simulator.reset(Start::Usual, 0, rng) };
+        simulator.restore(&Snapshot::at_rest(drawn), 0)?;
+        if self.spec.frames.count > 1 {
+            // A random action leads from the random state to the state that is meant, so that two frames show a velocity.
+            simulator.step(&random_action(self.spec, rng), rng)?;
         }
-        let action = env.sample_action(rng);
-        let next = env.step(&drawn, &action, rng);
-        (drawn, next)
+        Ok(())
+    }
+
+    fn draw(&self, rng: &mut Rng) -> anyhow::Result<Option<Vec<f64>>> {
+        let (task, system) = (self.task, self.system.as_ref());
+        if self.params.region == Region::Biased {
+            let is_preferred = f64::from(sampling::uniform(rng, 0.0, 1.0)) < self.params.biased_share;
+            let state = system.and_then(|system| system.sample_biased(is_preferred, rng));
+            return state.map(Some).with_context(|| format!("`{task}` has no region for `region = \"biased\"`"));
+        }
+        let state = system.and_then(|system| system.sample_state(rng));
+        anyhow::ensure!(
+            state.is_some() || self.params.trajectory > 1,
+            "`{task}` does not draw random states, so transitions must follow an episode: set `trajectory` above 1"
+        );
+        Ok(state)
     }
 }
 
+/// A uniformly random action; each component is a share of its limit.
+fn random_action(spec: &Spec, rng: &mut Rng) -> Vec<f32> {
+    spec.action_limit.iter().map(|_| sampling::uniform(rng, -1.0, 1.0)).collect()
+}
+
 /// No transitions of a task, with its goal images.
-pub(super) fn none_yet(env: &dyn Environment) -> Transitions {
+pub(super) fn none_yet(simulator: &dyn Simulator, spec: &Spec) -> Transitions {
     Transitions {
-        picture: env.picture_size(),
-        action_dim: env.action_limit().len(),
-        goals: env.goals().iter().flat_map(|goal| env.picture(goal)).collect(),
+        picture: spec.frames.observation(),
+        action_dim: spec.action_limit.len(),
+        goals: (0..spec.goals).flat_map(|goal| simulator.goal_image(goal)).collect(),
         ..Transitions::default()
     }
 }

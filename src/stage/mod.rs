@@ -4,6 +4,7 @@
 
 mod collect;
 mod control_ilqr;
+mod controllers;
 mod cx;
 mod distill_policy;
 mod evaluate;

@@ -1,19 +1,18 @@
 //! Widths of the networks that learn a task.
 
 use crate::{
-    env::{NetworkSizes, Task},
+    env::{Frames, NetworkSizes, Spec, Task},
     lce::{BackwardSizes, ImageNetworks, PassiveDynamics, Sizes},
 };
 
 /// The networks that the paper's appendix gives for a task.
 pub fn network_sizes(task: &Task) -> Sizes {
     let NetworkSizes { latent, is_convolutional, encoder, decoder, dynamics, backward } = *task.networks();
-    let env = task.open();
-    let ((rows, columns), frames) = (env.frame_size(), env.frames());
+    let Spec { frames: Frames { height: rows, width: columns, count: frames }, action_limit, .. } = task.spec();
     Sizes {
         pixels: frames * rows * columns,
         latent,
-        action: env.action_limit().len(),
+        action: action_limit.len(),
         images: match is_convolutional {
             true => ImageNetworks::Convolutional { frames, rows, columns },
             false => ImageNetworks::Dense,

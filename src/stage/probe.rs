@@ -9,8 +9,8 @@ use crate::{
     record::{At, MapFrame, Recorder, topic},
 };
 
-/// Images of known states, with the states.
-#[derive(Debug)]
+/// Images of known states, with the states; none where the task has no map.
+#[derive(Debug, Default)]
 pub struct MapProbe {
     frames: Vec<u8>,
     goals: Vec<u8>,
@@ -22,15 +22,20 @@ pub struct MapProbe {
 impl MapProbe {
     /// The states on the map of a task.
     pub(super) fn new(task: &Task) -> Self {
-        let env = task.open();
-        let states = env.map_states();
+        let Some(system) = task.system() else { return Self::default() };
+        let states = system.map_states();
         Self {
-            frames: states.iter().flat_map(|(state, _)| env.observe(&env.before(state), state)).collect(),
-            goals: env.goals().iter().flat_map(|goal| env.picture(goal)).collect(),
+            frames: states.iter().flat_map(|(state, _)| system.observe(&system.before(state), state)).collect(),
+            goals: system.goals().iter().flat_map(|goal| system.observe_at_rest(goal)).collect(),
             grid: states.iter().map(|(_, cell)| cell.map(|i| i as u32)).collect(),
-            places: states.iter().map(|(state, _)| env.place(state)).collect(),
-            coordinates: states.iter().map(|(state, _)| env.coordinates(state)).collect(),
+            places: states.iter().filter_map(|(state, _)| system.place(state)).collect(),
+            coordinates: states.iter().map(|(state, _)| system.coordinates(state)).collect(),
         }
+    }
+
+    /// Whether the task has a map.
+    pub(super) fn has_map(&self) -> bool {
+        !self.grid.is_empty()
     }
 
     /// The map of a model. It holds true positions, so only the stage that exports maps may ask for it.
@@ -44,7 +49,9 @@ impl MapProbe {
 
     /// Records the map of a model. It returns nothing, because the map's quality depends on true positions.
     pub fn record(&self, model: &LceModel, record: &mut Recorder, at: At) {
-        write(&self.map(model), record, at);
+        if self.has_map() {
+            write(&self.map(model), record, at);
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use carl_pipe::{
     artifact::Transitions,
-    env::{Environment as _, Planar},
+    env::{Planar, System as _},
     lce::{BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes, model::background, trainer::Data},
     num::{rng::Rng, sampling},
     stage::network_sizes,
@@ -13,15 +13,16 @@ use rand::SeedableRng as _;
 fn transitions(samples: usize) -> Transitions {
     let planar = Planar { noise: 0.0 };
     let mut rng = Rng::seed_from_u64(1);
-    let mut transitions = Transitions { picture: planar.picture_size(), action_dim: 2, ..Transitions::default() };
+    let mut transitions =
+        Transitions { picture: planar.frames().observation(), action_dim: 2, ..Transitions::default() };
     for goal in planar.goals() {
-        transitions.goals.extend(planar.picture(&goal));
+        transitions.goals.extend(planar.observe_at_rest(&goal));
     }
     for _ in 0..samples {
-        let (state, action) = (planar.sample_state(&mut rng), planar.sample_action(&mut rng));
+        let (state, action) = (planar.sample_state(&mut rng).expect("a state"), planar.sample_action(&mut rng));
         let next = planar.step(&state, &action, &mut rng);
         let scaled: Vec<f32> = action.iter().map(|u| (u / 3.0) as f32).collect();
-        transitions.push(&planar.picture(&state), &scaled, &planar.picture(&next), 0);
+        transitions.push(&planar.observe_at_rest(&state), &scaled, &planar.observe_at_rest(&next), 0);
     }
     transitions
 }

@@ -9,7 +9,7 @@ use carl_pipe::{
         Transitions,
     },
     control::{Agent, Ilqr, agent::Whitening},
-    env::{Environment as _, Planar},
+    env::{Planar, System as _},
     lce::{BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes},
     nn::adam::Adam,
     num::{rng::Rng, stats::Summary},
@@ -31,12 +31,13 @@ fn kind<A: Artifact>() -> Kind {
 
 fn transitions() -> Transitions {
     let planar = Planar { noise: 0.0 };
-    let mut transitions = Transitions { picture: planar.picture_size(), action_dim: 2, ..Transitions::default() };
+    let mut transitions =
+        Transitions { picture: planar.frames().observation(), action_dim: 2, ..Transitions::default() };
     for goal in planar.goals() {
-        transitions.goals.extend(planar.picture(&goal));
+        transitions.goals.extend(planar.observe_at_rest(&goal));
     }
     for step in 0..5_u32 {
-        let [now, next] = [step, step + 1].map(|i| planar.picture(&[3.0 + f64::from(i), 4.0]));
+        let [now, next] = [step, step + 1].map(|i| planar.observe_at_rest(&[3.0 + f64::from(i), 4.0]));
         transitions.push(&now, &[0.5, f32::from_bits(step)], &next, step % 3);
     }
     transitions

@@ -3,18 +3,25 @@
 use std::f64::consts::PI;
 
 use carl_pipe::{
-    control::rollout::{self, Episode},
-    env::{Environment, Start, Task},
+    control::{
+        OraclePolicy,
+        episodes::{self, Episode, Streams, Unstick},
+    },
+    env::{Preset, Simulator, Snapshot, Start, System, Task},
     num::rng::Rng,
 };
 use proptest::prelude::*;
 use rand::SeedableRng as _;
 use serde_json::{Value, json};
 
-fn open(task: &Value) -> Box<dyn Environment> {
+fn read(task: &Value) -> Task {
     let task: Task = serde_json::from_value(task.clone()).expect("a task");
     assert_eq!(task.check(), []);
-    task.open()
+    task
+}
+
+fn open(task: &Value) -> Box<dyn System> {
+    read(task).system().expect("equations")
 }
 
 /// Every system there is, and the range of each component of its state.
@@ -44,7 +51,7 @@ proptest! {
     fn states_keep_their_ranges_whatever_the_action(seed: u64, push in -3.0..3.0) {
         for (task, ranges) in all() {
             let (env, mut rng) = (open(&task), Rng::seed_from_u64(seed));
-            let mut state = env.sample_state(&mut rng);
+            let mut state = env.sample_state(&mut rng).expect("a state");
             for _ in 0..10 {
                 prop_assert!(is_in(&state, &ranges), "{task}: {state:?}");
                 let action: Vec<f64> = env.sample_action(&mut rng).iter().map(|u| u * push).collect();
@@ -60,13 +67,13 @@ proptest! {
     #[test]
     fn the_same_state_action_and_stream_give_the_same_next_state(seed: u64) {
         for (mut task, _) in all() {
-            let sampled = |env: &dyn Environment| {
+            let sampled = |env: &dyn System| {
                 let mut rng = Rng::seed_from_u64(seed);
-                (env.sample_state(&mut rng), env.sample_action(&mut rng))
+                (env.sample_state(&mut rng).expect("a state"), env.sample_action(&mut rng))
             };
             let env = open(&task);
             let (state, action) = sampled(&*env);
-            let step = |env: &dyn Environment, seed| env.step(&state, &action, &mut Rng::seed_from_u64(seed));
+            let step = |env: &dyn System, seed| env.step(&state, &action, &mut Rng::seed_from_u64(seed));
             prop_assert_eq!(step(&*env, 1), step(&*env, 2), "{} has no noise", task);
             task["noise"] = json!(0.1);
             let noisy = open(&task);
@@ -79,19 +86,19 @@ proptest! {
     fn an_observation_is_the_older_frame_and_then_the_newer(seed: u64) {
         for (task, _) in all() {
             let (env, mut rng) = (open(&task), Rng::seed_from_u64(seed));
-            let [before, state] = [(); 2].map(|()| env.sample_state(&mut rng));
-            let ((height, width), frames) = (env.frame_size(), env.frames());
+            let [before, state] = [(); 2].map(|()| env.sample_state(&mut rng).expect("a state"));
+            let frames = env.frames();
             let frame = |state: &[f64]| {
-                let mut frame = vec![1; height * width];
+                let mut frame = vec![1; frames.pixels()];
                 env.render(state, &mut frame);
                 frame
             };
-            prop_assert_eq!(env.picture_size(), (frames * height, width));
-            let want = if frames == 1 { frame(&state) } else { [frame(&before), frame(&state)].concat() };
+            prop_assert_eq!(frames.observation(), (frames.count * frames.height, frames.width));
+            let want = if frames.count == 1 { frame(&state) } else { [frame(&before), frame(&state)].concat() };
             let seen = env.observe(&before, &state);
             prop_assert!(seen.iter().all(|&p| p == 0 || p == 255) && seen.contains(&255), "{task}");
             prop_assert!(seen == want, "{task}");
-            prop_assert_eq!(env.picture(&state), frame(&state).repeat(frames));
+            prop_assert_eq!(env.observe_at_rest(&state), frame(&state).repeat(frames.count));
         }
     }
 
@@ -100,9 +107,9 @@ proptest! {
         for (task, ranges) in all() {
             let (env, mut rng) = (open(&task), Rng::seed_from_u64(seed));
             for is_preferred in [false, true] {
-                prop_assert!(is_in(&env.sample_biased(is_preferred, &mut rng), &ranges), "{task}");
+                prop_assert!(is_in(&env.sample_biased(is_preferred, &mut rng).expect("a state"), &ranges), "{task}");
             }
-            prop_assert!(is_in(&env.sample_start(&mut rng), &ranges), "{task}");
+            prop_assert!(is_in(&env.sample_start(Start::Usual, &mut rng), &ranges), "{task}");
             for goal in env.goals() {
                 prop_assert!(is_in(&goal, &ranges) && env.at_goal(&goal, &goal, env.goal_radius()), "{task}");
             }
@@ -116,7 +123,7 @@ fn the_region_that_biased_sampling_prefers_holds_no_goal() {
     for task in ["planar", "swing_up", "cart_pole"].map(|env| json!({ "env": env })) {
         let env = open(&task);
         for _ in 0..300 {
-            let state = env.sample_biased(true, &mut rng);
+            let state = env.sample_biased(true, &mut rng).expect("a state");
             let is_at_goal = env.goals().iter().any(|goal| env.at_goal(&state, goal, env.goal_radius()));
             assert!(!is_at_goal, "{task}: {state:?}");
         }
@@ -140,10 +147,13 @@ fn biased_samples_are_those_of_the_paper() {
     ];
     let mut rng = Rng::seed_from_u64(0);
     for (name, share, preferred, else_where) in rows {
-        let env = open(&json!({ "env": name }));
-        assert_eq!(env.biased_share(), share, "{name}");
-        let mut sample =
-            |is_preferred: bool| (0..400).map(|_| env.sample_biased(is_preferred, &mut rng)).collect::<Vec<_>>();
+        let (task, given) = (read(&json!({ "env": name })), serde_json::Map::new());
+        let defaults = task.defaults("generate_data", Preset::Recipe, &given);
+        assert_eq!(defaults["biased_share"], share, "{name}");
+        let env = task.system().expect("equations");
+        let mut sample = |is_preferred: bool| {
+            (0..400).map(|_| env.sample_biased(is_preferred, &mut rng).expect("a state")).collect::<Vec<_>>()
+        };
         assert!(sample(true).iter().all(|state| preferred(state)), "{name}");
         assert!(sample(false).iter().filter(|state| else_where(state)).count() > 60, "{name}");
     }
@@ -160,7 +170,10 @@ fn a_map_shows_every_place_once() {
         assert_eq!(cells.len(), states.len(), "{task}");
         for (state, _) in &states {
             assert!(is_in(state, &ranges), "{task}: {state:?}");
-            assert!(env.place(state).iter().all(|share| (0.0..=1.0).contains(share)), "{task}: {state:?}");
+            assert!(
+                env.place(state).expect("a position").iter().all(|share| (0.0..=1.0).contains(share)),
+                "{task}: {state:?}"
+            );
             assert_eq!(env.before(state).len(), state.len());
         }
     }
@@ -183,14 +196,30 @@ fn the_state_before_leads_about_to_the_state() {
     }
 }
 
+/// Runs the controller that knows true states; `watch` sees the simulator after every step.
+fn run_oracle(
+    task: &Task,
+    simulator: &mut dyn Simulator,
+    (goal, steps): (usize, usize),
+    rng: &mut Rng,
+    watch: impl FnMut(&dyn Simulator),
+) {
+    let mut oracle = OraclePolicy::of(task).expect("an oracle");
+    let episode = Episode { goal, steps, unstick: Unstick::Off, random_from: None };
+    let streams = Streams { acting: rng, plans: Rng::seed_from_u64(0) };
+    episodes::run(simulator, &mut oracle, episode, streams, watch).expect("an episode");
+}
+
 /// Mean %-goal of the controller that knows true states, counting T+1 states.
 fn oracle_percent(task: &Value, episodes: usize) -> f64 {
-    let (env, mut rng) = (open(task), Rng::seed_from_u64(7));
-    let steps = env.horizon() + 1;
+    let (task, mut rng) = (read(task), Rng::seed_from_u64(7));
+    let (mut simulator, spec) = (task.open().expect("a simulator"), task.spec());
+    let steps = spec.horizon + 1;
     let mut hits = 0;
-    for episode in rollout::draw_episodes(&*env, Start::Usual, episodes, &mut rng) {
-        let path = rollout::run_oracle(&*env, &episode, steps, &mut rng);
-        hits += path.iter().filter(|step| env.at_goal(&step.next, &episode.goal, env.goal_radius())).count();
+    for goal in episodes::draw_goals(episodes, spec.goals, &mut rng) {
+        simulator.reset(Start::Usual, goal, &mut rng).expect("a start");
+        let watch = |simulator: &dyn Simulator| hits += usize::from(simulator.is_at_goal(spec.goal_radius));
+        run_oracle(&task, &mut *simulator, (goal, steps), &mut rng, watch);
     }
     100.0 * hits as f64 / (episodes * steps) as f64
 }
@@ -207,7 +236,7 @@ fn oracles_reach_the_ceilings() {
         (json!({ "env": "cart_pole", "step": 0.02 }), 500),
     ] {
         let percent = oracle_percent(&task, episodes);
-        let ceiling = open(&task).ceiling().expect("a known ceiling");
+        let ceiling = read(&task).ceiling_of(Start::Usual).expect("a known ceiling");
         println!("{task}: {percent:.2} of {ceiling}");
         assert!((percent - ceiling).abs() < 0.5, "{task}: {percent}, not {ceiling}");
     }
@@ -217,12 +246,15 @@ fn oracles_reach_the_ceilings() {
 fn the_oracle_of_the_cart_pole_loses_nothing_from_within_the_goal() {
     let mut rng = Rng::seed_from_u64(0);
     for step in [0.02, 0.05] {
-        let env = open(&json!({ "env": "cart_pole", "step": step }));
+        let task = read(&json!({ "env": "cart_pole", "step": step }));
+        let mut simulator = task.open().expect("a simulator");
         for theta in [-PI / 10.0, 0.2, PI / 10.0] {
-            let episode = Episode::at_rest(vec![theta, 0.0, 0.0, 0.0], env.goals()[0].clone());
-            let path = rollout::run_oracle(&*env, &episode, 201, &mut rng);
-            assert!(path.iter().all(|step| env.at_goal(&step.next, &episode.goal, PI / 10.0)), "from {theta}");
-            assert!(path.iter().all(|step| step.next[2].abs() < 2.4), "the cart stays in the picture");
+            simulator.restore(&Snapshot::at_rest(vec![theta, 0.0, 0.0, 0.0]), 0).expect("a start");
+            run_oracle(&task, &mut *simulator, (0, 201), &mut rng, |simulator| {
+                assert!(simulator.is_at_goal(PI / 10.0), "from {theta}");
+                let state = &simulator.snapshot().expect("a state").state;
+                assert!(state[2].abs() < 2.4, "the cart stays in the picture");
+            });
         }
     }
 }
@@ -242,6 +274,6 @@ fn options_without_a_known_ceiling_have_none() {
         json!({ "env": "cart_pole", "step": 0.03 }),
         json!({ "env": "three_pole", "links": 2 }),
     ] {
-        assert_eq!(open(&task).ceiling(), None, "{task}");
+        assert_eq!(read(&task).ceiling_of(Start::Usual), None, "{task}");
     }
 }

@@ -5,7 +5,7 @@
 
 use std::path::PathBuf;
 
-use carl_pipe::env::{Environment, Task};
+use carl_pipe::env::{System, Task};
 use rand::SeedableRng;
 use serde_json::{Value, json};
 
@@ -32,13 +32,13 @@ fn all() -> [Golden; 4] {
     ]
 }
 
-fn open(mut task: Value, tuple: &Value) -> Box<dyn Environment> {
+fn open(mut task: Value, tuple: &Value) -> Box<dyn System> {
     if let Some(torque) = tuple.get("torque") {
         task["torque"] = torque.clone();
     }
     let task: Task = serde_json::from_value(task).expect("a task");
     assert_eq!(task.check(), []);
-    task.open()
+    task.system().expect("equations")
 }
 
 fn path(file: &str) -> PathBuf {
@@ -106,7 +106,7 @@ fn golden_frames_are_equal_in_every_pixel() {
     for golden in all() {
         let env = open(golden.task.clone(), &Value::Null);
         let (frames, (height, width)) = golden.frames();
-        assert_eq!(env.frame_size(), (height, width));
+        assert_eq!((env.frames().height, env.frames().width), (height, width));
         for render in golden.list("renders") {
             let (file, state) = (frame_number(&render), numbers(&render, "s"));
             // What was there does not matter.

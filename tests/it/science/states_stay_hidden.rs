@@ -4,11 +4,11 @@ use crate::support::stages;
 use carl_pipe::{
     artifact::{Artifact as _, Collected, Files, TrainedModel, Transitions},
     control::{
-        Agent,
-        rollout::{self, Acting, Episode, Unstick},
+        Acting, Agent, AgentPolicy,
+        episodes::{self, Episode, Streams, Unstick},
         sac::Codes,
     },
-    env::{Environment, Oracle, Planar, Start, SwingUp},
+    env::{Frames, Oracle, Planar, Simulator, Start, SwingUp, System, simulate},
     lce::trainer::Data,
     num::rng::Rng,
     record::{At, Recorder},
@@ -33,11 +33,8 @@ fn unveil(state: &[f64]) -> Vec<f64> {
     state.iter().rev().map(|x| x / VEIL).collect()
 }
 
-impl<E: Environment> Environment for Veiled<E> {
-    fn frame_size(&self) -> (usize, usize) {
-        self.0.frame_size()
-    }
-    fn frames(&self) -> usize {
+impl<E: System> System for Veiled<E> {
+    fn frames(&self) -> Frames {
         self.0.frames()
     }
     fn action_limit(&self) -> &[f64] {
@@ -52,20 +49,14 @@ impl<E: Environment> Environment for Veiled<E> {
     fn render(&self, state: &[f64], frame: &mut [u8]) {
         self.0.render(&unveil(state), frame);
     }
-    fn sample_state(&self, rng: &mut Rng) -> Vec<f64> {
-        veil(&self.0.sample_state(rng))
+    fn sample_state(&self, rng: &mut Rng) -> Option<Vec<f64>> {
+        self.0.sample_state(rng).map(|state| veil(&state))
     }
-    fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Vec<f64> {
-        veil(&self.0.sample_biased(is_preferred, rng))
+    fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Option<Vec<f64>> {
+        self.0.sample_biased(is_preferred, rng).map(|state| veil(&state))
     }
-    fn biased_share(&self) -> f64 {
-        self.0.biased_share()
-    }
-    fn sample_start(&self, rng: &mut Rng) -> Vec<f64> {
-        veil(&self.0.sample_start(rng))
-    }
-    fn sample_start_as(&self, start: Start, rng: &mut Rng) -> Vec<f64> {
-        veil(&self.0.sample_start_as(start, rng))
+    fn sample_start(&self, start: Start, rng: &mut Rng) -> Vec<f64> {
+        veil(&self.0.sample_start(start, rng))
     }
     fn goals(&self) -> Vec<Vec<f64>> {
         self.0.goals().iter().map(|goal| veil(goal)).collect()
@@ -82,7 +73,7 @@ impl<E: Environment> Environment for Veiled<E> {
     fn before(&self, state: &[f64]) -> Vec<f64> {
         veil(&self.0.before(&unveil(state)))
     }
-    fn place(&self, state: &[f64]) -> [f32; 2] {
+    fn place(&self, state: &[f64]) -> Option<[f32; 2]> {
         self.0.place(&unveil(state))
     }
     fn coordinates(&self, state: &[f64]) -> Vec<f32> {
@@ -91,35 +82,26 @@ impl<E: Environment> Environment for Veiled<E> {
     fn place_radius(&self, radius: f64) -> f32 {
         self.0.place_radius(radius)
     }
-    fn oracle(&self) -> Oracle<'_> {
-        let mut oracle = self.0.oracle();
-        Box::new(move |state, goal, rng| oracle(&unveil(state), &unveil(goal), rng))
-    }
-    fn ceiling(&self) -> Option<f64> {
-        self.0.ceiling()
-    }
-    fn ceiling_as(&self, start: Start) -> Option<f64> {
-        self.0.ceiling_as(start)
-    }
-    fn paper_online(&self) -> Option<f64> {
-        self.0.paper_online()
+    fn oracle(&self) -> Option<Oracle> {
+        let mut oracle = self.0.oracle()?;
+        Some(Box::new(move |state, goal, rng| oracle(&unveil(state), &unveil(goal), rng)))
     }
 }
 
 const PLANAR: Planar = Planar { noise: 0.0 };
 
 /// Random transitions of an environment, with the states that they went through.
-fn transitions(env: &dyn Environment, samples: usize) -> (Transitions, Vec<f64>) {
+fn transitions(env: &dyn System, samples: usize) -> (Transitions, Vec<f64>) {
     let mut rng = Rng::seed_from_u64(1);
-    let goals = env.goals().iter().flat_map(|goal| env.picture(goal)).collect();
-    let (picture, action_dim) = (env.picture_size(), env.action_limit().len());
+    let goals = env.goals().iter().flat_map(|goal| env.observe_at_rest(goal)).collect();
+    let (picture, action_dim) = (env.frames().observation(), env.action_limit().len());
     let mut transitions = Transitions { picture, action_dim, goals, ..Transitions::default() };
     let mut states = Vec::new();
     for _ in 0..samples {
-        let (state, action) = (env.sample_state(&mut rng), env.sample_action(&mut rng));
+        let (state, action) = (env.sample_state(&mut rng).expect("a state"), env.sample_action(&mut rng));
         let next = env.step(&state, &action, &mut rng);
         let scaled: Vec<f32> = action.iter().zip(env.action_limit()).map(|(u, limit)| (u / limit) as f32).collect();
-        transitions.push(&env.picture(&state), &scaled, &env.observe(&state, &next), 0);
+        transitions.push(&env.observe_at_rest(&state), &scaled, &env.observe(&state, &next), 0);
         states.extend(state.into_iter().chain(next));
     }
     (transitions, states)
@@ -157,15 +139,19 @@ fn states_that_look_the_same_are_acted_on_the_same() {
     let (model, agent) = train(&data.save().expect("files"));
     let model = TrainedModel::load(&model).expect("a model").model;
     let agent = Agent::load(&agent).expect("an agent");
-    let play = |env: &dyn Environment| {
-        let mut rng = Rng::seed_from_u64(2);
-        let episode = Episode::at_rest(env.sample_start(&mut rng), env.goals()[0].clone());
-        rollout::run(env, (&model, &agent), &episode, 15, (Acting::Sample, Unstick::Random), &mut rng)
+    let play = |system: Box<dyn System>| {
+        let (mut simulator, mut rng, mut states) = (simulate(system), Rng::seed_from_u64(2), Vec::new());
+        simulator.reset(Start::Usual, 0, &mut rng).expect("a start");
+        let mut policy = AgentPolicy::new(&model, &agent, Acting::Sample);
+        let episode = Episode { goal: 0, steps: 15, unstick: Unstick::Random, random_from: None };
+        let streams = Streams { acting: &mut rng, plans: Rng::seed_from_u64(0) };
+        let watch = |simulator: &dyn Simulator| states.push(simulator.snapshot().expect("a state").state.clone());
+        let path = episodes::run(&mut *simulator, &mut policy, episode, streams, watch).expect("an episode");
+        (path, states)
     };
-    for (seen, veiled) in play(&PLANAR).iter().zip(&play(&Veiled(PLANAR))) {
-        assert_eq!((&seen.before, &seen.action, &seen.after), (&veiled.before, &veiled.action, &veiled.after));
-        assert_eq!(seen.state, unveil(&veiled.state));
-    }
+    let ((seen, states), (veiled, veiled_states)) = (play(Box::new(PLANAR)), play(Box::new(Veiled(PLANAR))));
+    assert_eq!((seen.len(), &seen), (15, &veiled));
+    assert_eq!(states, veiled_states.iter().map(|state| unveil(state)).collect::<Vec<_>>());
 }
 
 /// What is documented in an artifact: tensors by name and type.

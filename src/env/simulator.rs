@@ -1,0 +1,100 @@
+//! The contract of a simulator: what evaluation and the collection of data run.
+//!
+//! A simulator keeps its own state, so that it may live in another process. Telling and setting that state is optional.
+//! What takes the equations of a task is in [`System`](super::System).
+
+use super::Start;
+use crate::num::rng::Rng;
+
+/// The frames that make one observation. A byte is a pixel, 0 or 255, row by row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Frames {
+    /// Rows of pixels in a frame.
+    pub height: usize,
+    /// Columns of pixels in a frame.
+    pub width: usize,
+    /// Frames of an observation: 2 where a single frame does not show velocities.
+    pub count: usize,
+}
+
+impl Frames {
+    /// Rows and columns of an observation. Its frames are stacked, the older one on top.
+    pub fn observation(self) -> (usize, usize) {
+        (self.count * self.height, self.width)
+    }
+
+    /// Pixels of a frame.
+    pub fn pixels(self) -> usize {
+        self.height * self.width
+    }
+}
+
+/// What is known of a task before it is simulated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Spec {
+    /// The frames of an observation.
+    pub frames: Frames,
+    /// Largest absolute value of each component of an action, in units of the task.
+    pub action_limit: Vec<f64>,
+    /// Control steps of an episode, T in the paper.
+    pub horizon: usize,
+    /// How many goals there are. An episode has one of them.
+    pub goals: usize,
+    /// Largest distance from a goal that counts as being there in the paper's protocol, in units of the state.
+    pub goal_radius: f64,
+}
+
+/// Where the simulated system is. It holds true states, so nothing that learns may read it.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Snapshot {
+    /// The true state one control step ago, which the older frame shows; the state itself at the start of an episode.
+    pub before: Vec<f64>,
+    /// The true state.
+    pub state: Vec<f64>,
+}
+
+impl Snapshot {
+    /// A system at rest: both frames show the same state.
+    pub fn at_rest(state: Vec<f64>) -> Self {
+        Self { before: state.clone(), state }
+    }
+}
+
+/// A running task. All randomness is drawn from the stream that the caller hands in.
+pub trait Simulator: Send {
+    /// Begins an episode towards the goal of this number.
+    ///
+    /// # Errors
+    /// Whatever keeps the simulator from working.
+    fn reset(&mut self, start: Start, goal: usize, rng: &mut Rng) -> anyhow::Result<()>;
+
+    /// Applies an action for one control step. Its components are shares of the largest action; those beyond -1..1 are
+    /// clipped.
+    ///
+    /// # Errors
+    /// Whatever keeps the simulator from working.
+    fn step(&mut self, action: &[f32], rng: &mut Rng) -> anyhow::Result<()>;
+
+    /// The observation now: the pixels of its frames.
+    fn observe(&self) -> Vec<u8>;
+
+    /// The observation at rest at a goal.
+    fn goal_image(&self, goal: usize) -> Vec<u8>;
+
+    /// Whether the system is within `radius` of the episode's goal.
+    fn is_at_goal(&self, radius: f64) -> bool;
+
+    /// Where the system is; `None` from a simulator that cannot tell.
+    fn snapshot(&self) -> Option<&Snapshot> {
+        None
+    }
+
+    /// Continues an episode from a snapshot of it.
+    ///
+    /// # Errors
+    /// If the simulator cannot be put into a given state.
+    fn restore(&mut self, _: &Snapshot, _goal: usize) -> anyhow::Result<()> {
+        anyhow::bail!("this simulator cannot be put into a given state")
+    }
+}

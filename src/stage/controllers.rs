@@ -1,0 +1,49 @@
+//! The policies that stages run, by the name of the controller.
+
+use anyhow::Context as _;
+
+use crate::{
+    control::{Acting, Agent, AgentPolicy, Controller, Ilqr, IlqrPolicy, OraclePolicy, Policy},
+    env::Task,
+    lce::LceModel,
+};
+
+/// The inputs of a stage that policies are built from.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Controllers<'a> {
+    pub(super) model: Option<&'a LceModel>,
+    pub(super) agent: Option<&'a Agent>,
+    pub(super) ilqr: Option<&'a Ilqr>,
+}
+
+/// The inputs that a controller cannot do without.
+pub(super) fn needs(controller: Controller) -> &'static [&'static str] {
+    match controller {
+        Controller::Agent => &["model", "agent"],
+        Controller::Ilqr => &["model", "ilqr"],
+        Controller::Oracle => &[],
+    }
+}
+
+impl<'a> Controllers<'a> {
+    /// The policy of a controller. `acting` says how an agent chooses its actions.
+    pub(super) fn policy(
+        self,
+        controller: Controller,
+        acting: Acting,
+        task: &Task,
+    ) -> anyhow::Result<Box<dyn Policy + 'a>> {
+        Ok(match controller {
+            Controller::Agent => {
+                let (model, agent) =
+                    self.model.zip(self.agent).context("an agent needs the inputs `model` and `agent`")?;
+                Box::new(AgentPolicy::new(model, agent, acting))
+            }
+            Controller::Ilqr => {
+                let (model, ilqr) = self.model.zip(self.ilqr).context("iLQR needs the inputs `model` and `ilqr`")?;
+                Box::new(IlqrPolicy::new(model, ilqr))
+            }
+            Controller::Oracle => Box::new(OraclePolicy::of(task)?),
+        })
+    }
+}
