@@ -88,7 +88,7 @@ impl Stage for Collect {
         // Every goal in turn, from a random one on.
         let mut goal = sampling::index(&mut rng, spec.goals);
         let total = params.samples as usize;
-        let mut unfinished = inputs.last.and_then(|last| last.standing).filter(|_| params.r#continue);
+        let mut unfinished = inputs.last.and_then(|last| last.unfinished).filter(|_| params.r#continue);
         let longest = spec.horizon.min(params.episode as usize);
         let whole = if params.r#continue { longest } else { longest.min(total) };
         let follows = ((1.0 - params.explore) * whole as f64).round() as usize;
@@ -128,7 +128,7 @@ impl Stage for Collect {
             }
             cx.progress(transitions.len() as u64, params.samples, "")?;
         }
-        Ok(Collected { transitions, standing: unfinished })
+        Ok(Collected { transitions, unfinished })
     }
 }
 

@@ -88,7 +88,8 @@ pub fn load_port<T: PortField>(files: &InputFiles<'_>, port: &'static str) -> an
     T::load(files).with_context(|| format!("cannot read input `{port}`"))
 }
 
-/// Declares the typed inputs of a stage; the documentation of each field is the help text of its port.
+/// Declares the typed inputs of a stage. The documentation of each field is the help text of its port.
+#[macro_export]
 macro_rules! inputs {
     (
         $(#[$outer:meta])*
@@ -106,7 +107,7 @@ macro_rules! inputs {
             } ),* ];
 
             fn load(_files: &$crate::stage::InputFiles<'_>) -> anyhow::Result<Self> {
-                Ok(Self { $( $field: $crate::stage::inputs::load_port(_files, stringify!($field))? ),* })
+                Ok(Self { $( $field: $crate::stage::load_port(_files, stringify!($field))? ),* })
             }
         }
     };

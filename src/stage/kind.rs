@@ -76,22 +76,32 @@ impl Kind {
     }
 }
 
-/// Every kind there is, in the order of a pipeline.
+/// The kinds that come with the program, in the order of a pipeline.
 pub fn registry() -> &'static [Kind] {
-    static KINDS: std::sync::LazyLock<Vec<Kind>> = std::sync::LazyLock::new(|| {
-        vec![
-            Kind::of::<generate_data::GenerateData>(),
-            Kind::of::<collect::Collect>(),
-            Kind::of::<train_lce::TrainLce>(),
-            Kind::of::<distill_policy::DistillPolicy>(),
-            Kind::of::<train_sac::TrainSac>(),
-            Kind::of::<control_ilqr::ControlIlqr>(),
-            Kind::of::<evaluate::Evaluate>(),
-            Kind::of::<export_latent_map::ExportLatentMap>(),
-            Kind::of::<summarize::Summarize>(),
-        ]
-    });
+    static KINDS: std::sync::LazyLock<Vec<Kind>> = std::sync::LazyLock::new(built_in);
     &KINDS
+}
+
+/// The kinds that come with the program, and own ones after them. It allocates for the life of the process, so call it
+/// once.
+pub fn registry_with(own: Vec<Kind>) -> &'static [Kind] {
+    let mut kinds = built_in();
+    kinds.extend(own);
+    kinds.leak()
+}
+
+fn built_in() -> Vec<Kind> {
+    vec![
+        Kind::of::<generate_data::GenerateData>(),
+        Kind::of::<collect::Collect>(),
+        Kind::of::<train_lce::TrainLce>(),
+        Kind::of::<distill_policy::DistillPolicy>(),
+        Kind::of::<train_sac::TrainSac>(),
+        Kind::of::<control_ilqr::ControlIlqr>(),
+        Kind::of::<evaluate::Evaluate>(),
+        Kind::of::<export_latent_map::ExportLatentMap>(),
+        Kind::of::<summarize::Summarize>(),
+    ]
 }
 
 /// The kind called `name`.

@@ -26,7 +26,7 @@ pub use crate::env::Preset;
 pub use cx::{Host, Interrupted, StageCx};
 pub(crate) use inputs::inputs;
 pub use inputs::{Arity, InputFiles, Inputs, Port, PortField, load_port};
-pub use kind::{Kind, kind, registry};
+pub use kind::{Kind, kind, registry, registry_with};
 pub use networks::network_sizes;
 pub(crate) use params::NoParams;
 pub use params::{Params, PresetOf, Refusal, above_zero, at_least_one, within};

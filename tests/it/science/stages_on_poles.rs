@@ -112,11 +112,11 @@ fn a_collection_goes_on_where_the_one_before_stopped() {
         let end = &one.transitions.next_observations[29 * pixels..];
         assert!(end == &two.transitions.observations[..pixels], "{env}: both frames go on");
         assert_eq!(one.transitions.goal_index[29], two.transitions.goal_index[0]);
-        let steps = [one, two].map(|collected| collected.standing.expect("an episode that is left").steps);
+        let steps = [one, two].map(|collected| collected.unfinished.expect("an episode that is left").steps);
         assert_eq!(steps, [30, if horizon > 60 { 60 } else { 60 - horizon }], "{env}");
         // A full episode leaves nothing to go on with, and without the option nothing is kept or used.
         let full = collect(json!({ "samples": horizon, "continue": true }), &[]);
-        assert_eq!(Collected::load(&full).expect("a collection").standing, None);
+        assert_eq!(Collected::load(&full).expect("a collection").unfinished, None);
         let fresh = collect(json!({ "samples": 30 }), &[]);
         assert_eq!((fresh.len(), &fresh), (1, &collect(json!({ "samples": 30 }), &[&first])));
     }
