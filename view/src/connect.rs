@@ -59,7 +59,9 @@ fn serve(builder: RecordingStreamBuilder, port: u16, host: &dyn ViewHost) -> any
 }
 
 fn save(builder: RecordingStreamBuilder, path: &Path) -> anyhow::Result<RecordingStream> {
-    builder.save(path).with_context(|| format!("cannot write {}", path.display()))
+    // The SDK's error repeats its cause three times, so the file is created here first.
+    std::fs::File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+    Ok(builder.save(path)?)
 }
 
 /// Starts a viewer, or finds the one that runs. Returns its port once it listens.

@@ -49,3 +49,10 @@ fn a_dead_address_is_an_error_at_once() {
     assert!(error.to_string().contains("pip install rerun-sdk==0.36.3"), "{error}");
     assert!(started.elapsed().as_secs() < 5);
 }
+
+#[test]
+fn a_file_that_cannot_be_written_is_named_with_its_cause() {
+    let sink = Sink::Save { path: PathBuf::from("/nowhere/run.rrd") };
+    let error = RerunViewer::open(&sink, &Notes::default()).unwrap_err();
+    assert_eq!(format!("{error:#}"), "cannot write /nowhere/run.rrd: No such file or directory (os error 2)");
+}
