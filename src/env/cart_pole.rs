@@ -1,7 +1,7 @@
-//! Balance: a pole on a cart that is pushed left and right (paper, appendix "CartPole").
+//! Balance: a pole stands on a cart that is pushed left and right (paper, appendix "CartPole").
 //!
-//! Dynamics and pictures follow the public PCC implementation, whose control step is 0.02 s; the default is the task's in
-//! [`Task`](super::Task). The cart may leave the picture.
+//! Dynamics and images follow the public PCC implementation. That implementation has a control step of 0.02 s; our default
+//! differs. The cart may leave the image.
 
 use std::f64::consts::PI;
 
@@ -22,11 +22,11 @@ const MASS: f64 = 1.1;
 const LENGTH: f64 = 0.5;
 /// Largest force in N.
 const MAX_FORCE: f64 = 10.0;
-/// Bounds of the velocities, and where the picture ends.
+/// Bounds of the velocities in rad/s and m/s, and the position in m at which the cart leaves the image.
 const MAX_OMEGA: f64 = 2.0 * PI;
 const MAX_SPEED: f64 = 6.0;
 const TRACK: f64 = 2.4;
-/// Largest angle of the data: twice the goal's, so that every start is among them.
+/// Largest angle of random states in rad. It is twice the goal's, so that random states cover every start.
 const MAX_ANGLE: f64 = PI / 5.0;
 
 /// The task `cart_pole`.
@@ -102,7 +102,8 @@ fn train_lce(of: &DefaultsOf<'_>, preset: Preset) -> Value {
     table
 }
 
-/// The cart-pole. State: (angle, angular velocity, position, velocity); action: force, which lowers the angle.
+/// The cart-pole. A state is (angle, angular velocity, position, velocity) in rad, rad/s, m and m/s; angle 0 is upright. An
+/// action is a force on the cart. A positive force lowers the angle.
 #[derive(Debug, Clone, Copy)]
 pub struct CartPole {
     /// Standard deviation of the process noise.
@@ -173,7 +174,7 @@ impl System for CartPole {
         vec![vec![0.0; 4]]
     }
 
-    /// Wherever the cart is.
+    /// The position of the cart does not matter.
     fn at_goal(&self, state: &[f64], _: &[f64], radius: f64) -> bool {
         state[0].abs() <= radius
     }
@@ -182,13 +183,13 @@ impl System for CartPole {
         PI / 10.0
     }
 
-    /// Angles and positions, at rest.
+    /// A grid over angles and positions at rest.
     fn map_states(&self) -> Vec<(Vec<f64>, [usize; 2])> {
         let at_rest = |([theta, x], cell): ([f64; 2], _)| (vec![theta, 0.0, x, 0.0], cell);
         pole::grid([MAX_ANGLE, TRACK], [31, 33]).map(at_rest).collect()
     }
 
-    /// With the same velocities: two frames show the mean velocities between them.
+    /// The state before has the same velocities. Two frames show the mean velocities between them.
     fn before(&self, state: &[f64]) -> Vec<f64> {
         vec![state[0] - state[1] * self.step, state[1], state[2] - state[3] * self.step, state[3]]
     }
@@ -201,7 +202,7 @@ impl System for CartPole {
         (radius / (2.0 * MAX_ANGLE)) as f32
     }
 
-    /// A linear gain: hard on the angle, and just enough on the position to come back to the middle.
+    /// Linear feedback: large gains on the angle, and gains on the position that suffice to return to the middle.
     fn oracle(&self) -> Option<Oracle> {
         const GAIN: [f64; 4] = [50.0, 11.0, 2.5, 4.5];
         Some(Box::new(|state, _, _| {

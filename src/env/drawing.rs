@@ -1,21 +1,21 @@
-//! Draws what frames are made of: wide lines and filled rectangles, without smoothing.
+//! Draws wide lines and filled rectangles without anti-aliasing.
 //!
-//! Every pixel is as in Pillow, with which the public implementation of the tasks draws. x runs to the right, y down.
+//! Every pixel equals Pillow's, which the public implementation of the tasks uses. x runs to the right and y down.
 
-/// A frame to draw on, dark at first.
+/// A frame to draw on. All its pixels are 0 at first.
 pub(super) struct Canvas<'a> {
     pixels: &'a mut [u8],
     width: usize,
 }
 
 impl<'a> Canvas<'a> {
-    /// All of `pixels`, row by row.
+    /// A canvas over `pixels`, row by row.
     pub(super) fn new(pixels: &'a mut [u8], width: usize) -> Self {
         pixels.fill(0);
         Self { pixels, width }
     }
 
-    /// Lights a rectangle, both corners included.
+    /// Fills a rectangle, both corners included.
     pub(super) fn rectangle(&mut self, from: [f64; 2], to: [f64; 2]) {
         let ([left, top], [right, bottom]) = (whole(from), whole(to));
         for y in top..=bottom {
@@ -23,8 +23,8 @@ impl<'a> Canvas<'a> {
         }
     }
 
-    /// Lights a line that is `width` pixels wide, half of them on either side; where that leaves one over, it lies on
-    /// the right of who looks along the line.
+    /// Draws a line that is `width` pixels wide, half of them on either side. An odd pixel lies on the right, seen along the
+    /// line.
     pub(super) fn line(&mut self, from: [f64; 2], to: [f64; 2], width: u32) {
         let ([x0, y0], [x1, y1]) = (whole(from), whole(to));
         let [dx, dy] = [x1 - x0, y1 - y0].map(f64::from);
@@ -43,7 +43,7 @@ impl<'a> Canvas<'a> {
         ]);
     }
 
-    /// Lights what four edges enclose, and the edges that run along a row.
+    /// Fills a quadrilateral and draws its horizontal edges.
     fn polygon(&mut self, corners: [[i32; 2]; 4]) {
         let edges: [_; 4] = std::array::from_fn(|i| (corners[i], corners[(i + 1) % 4]));
         let rows = corners.map(|[_, y]| y);
@@ -70,7 +70,7 @@ impl<'a> Canvas<'a> {
         }
     }
 
-    /// Lights the pixels of row `y` from `left` to `right`, as far as they are in the frame.
+    /// Sets the pixels of row `y` from `left` to `right` that are in the frame to 255.
     fn span(&mut self, y: i32, left: i32, right: i32) {
         let (left, right) = (left.max(0), right.min(self.width as i32 - 1));
         if left > right {
@@ -83,17 +83,17 @@ impl<'a> Canvas<'a> {
     }
 }
 
-/// The pixel of a point: its coordinates cut towards zero.
+/// The pixel of a point: its coordinates truncated towards zero.
 fn whole(point: [f64; 2]) -> [i32; 2] {
     point.map(|v| v as i32)
 }
 
-/// To the nearest whole number, from the middle away from zero.
+/// Rounds to the nearest whole number, halves away from zero.
 fn half_up(v: f64) -> f64 {
     (v.abs() + 0.5).floor().copysign(v)
 }
 
-/// To the nearest whole number, from the middle towards zero.
+/// Rounds to the nearest whole number, halves towards zero.
 fn half_down(v: f64) -> f64 {
     (v.abs() - 0.5).ceil().copysign(v)
 }

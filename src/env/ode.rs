@@ -1,16 +1,17 @@
 //! Integrates equations of motion: Dormand-Prince 5(4) with adaptive steps.
 //!
-//! Steps are chosen as scipy's `solve_ivp` chooses them with its default tolerances, since the public implementation of
-//! the tasks uses it. There the action is part of the solution and stands still; it counts in the norm of the error.
+//! The step size rule is that of scipy's `solve_ivp` with its default tolerances, which the public implementation of the
+//! tasks uses. There the action is part of the solution, with derivative 0, so it counts in the norm of the error.
 
 const RELATIVE: f64 = 1e-3;
 const ABSOLUTE: f64 = 1e-6;
-/// Bounds of the factor between two steps, and what is taken off it for safety.
+/// Bounds of the factor between the sizes of two steps, and the safety factor on it.
 const SLOWEST: f64 = 0.2;
 const FASTEST: f64 = 10.0;
 const SAFETY: f64 = 0.9;
 
-/// Weights of the slopes before it in the point of each further slope; the last row gives the new state.
+/// Butcher's tableau: a row has the weights of the earlier slopes at the point of the next slope. The last row gives the new
+/// state.
 const A: [&[f64]; 6] = [
     &[1.0 / 5.0],
     &[3.0 / 40.0, 9.0 / 40.0],
@@ -19,11 +20,11 @@ const A: [&[f64]; 6] = [
     &[9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0],
     &[35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0],
 ];
-/// Weights of the slopes in the error: fifth order less fourth.
+/// Weights of the slopes in the error estimate: those of fifth order minus those of fourth order.
 const E: [f64; 7] =
     [-71.0 / 57600.0, 0.0, 71.0 / 16695.0, -71.0 / 1920.0, 17253.0 / 339_200.0, -22.0 / 525.0, 1.0 / 40.0];
 
-/// The state after `duration` seconds of motion with the slope `f`; `action` is what is held meanwhile.
+/// The state after `duration` seconds with the derivative `f`. `action` is constant meanwhile.
 pub(super) fn after<const N: usize>(
     f: impl Fn(&[f64; N]) -> [f64; N],
     start: [f64; N],
@@ -50,7 +51,7 @@ pub(super) fn after<const N: usize>(
     y
 }
 
-/// One step: the new state, its slope, and the error in units of what is tolerated.
+/// One step: the new state, its slope, and the error as a multiple of the tolerance.
 fn attempt<const N: usize>(
     f: &impl Fn(&[f64; N]) -> [f64; N],
     y: &[f64; N],
@@ -69,7 +70,7 @@ fn attempt<const N: usize>(
     (next, slopes[6], error)
 }
 
-/// A step that the error may well allow (Hairer, Nørsett and Wanner, "Solving Ordinary Differential Equations I", II.4).
+/// The size of the first step (Hairer, Nørsett and Wanner, "Solving Ordinary Differential Equations I", II.4).
 fn first_step<const N: usize>(
     f: &impl Fn(&[f64; N]) -> [f64; N],
     y: &[f64; N],

@@ -1,6 +1,6 @@
 //! Planar navigation: a point among six obstacles, seen from above (paper, appendix "Planar System").
 //!
-//! Dynamics and pictures follow the public PCC implementation to the bit; starts, goals and their radius the paper.
+//! Dynamics and images follow the public PCC implementation to the bit. Starts, goals and their radius follow the paper.
 
 use serde_json::{Value, json};
 
@@ -15,7 +15,7 @@ const HIGH: f64 = 38.5;
 const MAX_STEP: f64 = 3.0;
 /// Centres (row, column) of the obstacles.
 const OBSTACLES: [[f64; 2]; 6] = [[20.5, 5.5], [20.5, 13.5], [20.5, 27.5], [20.5, 35.5], [10.5, 20.5], [30.5, 20.5]];
-/// Half the side of the box around an obstacle's centre that stops the agent, smaller than its picture.
+/// Half the side of the box around an obstacle's centre that stops the agent. The drawn obstacle is larger.
 const OBSTACLE_REACH: f64 = 1.5;
 
 /// The task `planar`.
@@ -54,7 +54,8 @@ fn defaults(of: &DefaultsOf<'_>) -> Value {
     }
 }
 
-/// The planar system. State: (row, column) in \[1.5, 38.5\]²; action: displacement, each component within ±3.
+/// The planar system. A state is (row, column) in \[1.5, 38.5\]² pixels. An action is a displacement, each component
+/// within ±3 pixels.
 #[derive(Debug, Clone, Copy)]
 pub struct Planar {
     /// Standard deviation of the process noise.
@@ -62,13 +63,13 @@ pub struct Planar {
 }
 
 impl Planar {
-    /// Inside the walls and outside the obstacles.
+    /// Whether a state is inside the walls and outside the obstacles.
     pub fn is_valid(state: &[f64]) -> bool {
         state.iter().all(|x| (LOW..=HIGH).contains(x))
             && !OBSTACLES.iter().any(|o| state.iter().zip(o).all(|(x, o)| (x - o).abs() <= OBSTACLE_REACH))
     }
 
-    /// The noise-free next state: only the end point is tested, and a blocked move stays where it was.
+    /// The noise-free next state. Only the end point is tested. A blocked move leaves the state unchanged.
     pub fn dynamics(state: &[f64], action: &[f64]) -> [f64; 2] {
         let moved = [0, 1].map(|i| (state[i] + action[i].clamp(-MAX_STEP, MAX_STEP)).clamp(LOW, HIGH));
         if Self::is_valid(&moved) { moved } else { [state[0], state[1]] }
@@ -134,7 +135,7 @@ impl System for Planar {
         Some(sample_below(rng, HIGH))
     }
 
-    /// Prefers a square of 30 x 30 pixels that holds no goal.
+    /// The preferred region is a square of 30 x 30 pixels without a goal.
     fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Option<Vec<f64>> {
         Some(sample_below(rng, if is_preferred { LOW + 30.0 } else { HIGH }))
     }
@@ -174,7 +175,7 @@ impl System for Planar {
         OBSTACLES.iter().map(|o| position(o)).map(|[row, column]| [row, column, radius]).collect()
     }
 
-    /// Straight to the goal.
+    /// Moves straight towards the goal.
     fn oracle(&self) -> Option<Oracle> {
         Some(Box::new(|state, goal, _| [0, 1].map(|i| (goal[i] - state[i]).clamp(-MAX_STEP, MAX_STEP)).to_vec()))
     }

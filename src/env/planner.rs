@@ -1,21 +1,21 @@
-//! Searches for actions on known dynamics by the cross-entropy method: for controllers that know the true state.
+//! The cross-entropy method, for controllers that know true states and dynamics.
 
 use crate::num::{rng::Rng, sampling};
 
-/// How long to search.
+/// The effort of a search.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Effort {
-    /// Plans that are tried in a round.
+    /// Plans per round.
     pub plans: usize,
     /// Rounds.
     pub rounds: usize,
 }
 
-/// Share of the plans of a round that the next one is drawn around.
+/// Share of the plans of a round, the best ones, around which the next round draws.
 const ELITE: f64 = 0.1;
 
-/// A better plan than `plan`, or the same: numbers in -1..1 with a lower cost. Draws around it with deviations of
-/// `sigma` at first, and then around the best tenth.
+/// Improves a plan of numbers in -1..1, or returns it if nothing better is found. The first round draws around it with
+/// standard deviation `sigma`, later rounds around the best tenth.
 pub(super) fn improve(
     plan: &[f64],
     sigma: f64,

@@ -7,7 +7,7 @@ use crate::num::{rng::Rng, sampling};
 /// Acceleration of gravity in m/s².
 pub(super) const GRAVITY: f64 = 9.81;
 
-/// An angle within ±`reach`: one that leaves on one side enters on the other.
+/// Wraps an angle into ±`reach`: an angle beyond one end enters at the other end.
 pub(super) fn wrap(mut angle: f64, reach: f64) -> f64 {
     while angle > reach {
         angle -= 2.0 * reach;
@@ -29,7 +29,7 @@ pub(super) fn on_either_side(rng: &mut Rng, low: f64, high: f64) -> f64 {
     (low + (high - low) * signed.abs()).copysign(signed)
 }
 
-/// A state with process noise on all of it. As in the reference, nothing wraps or is clipped again.
+/// Adds process noise to every entry of a state. As in the public implementation, the sum is not wrapped or clipped.
 pub(super) fn disturbed(state: impl Into<Vec<f64>>, sigma: f64, rng: &mut Rng) -> Vec<f64> {
     let mut state = state.into();
     if sigma > 0.0 {
@@ -40,7 +40,7 @@ pub(super) fn disturbed(state: impl Into<Vec<f64>>, sigma: f64, rng: &mut Rng) -
     state
 }
 
-/// Where a value of ±`reach` lies in 0..1.
+/// Maps a value of ±`reach` to 0..1.
 pub(super) fn share(value: f64, reach: f64) -> f32 {
     ((value / reach + 1.0) / 2.0).clamp(0.0, 1.0) as f32
 }

@@ -1,7 +1,7 @@
-//! Swing-up: a pendulum that hangs and is to stand (paper, appendix "Inverted Pendulum -- SwingUp").
+//! Swing-up: a hanging pendulum is brought upright and held there (paper, appendix "Inverted Pendulum -- SwingUp").
 //!
-//! Dynamics and pictures follow the public PCC implementation, whose control step is 0.02 s and whose torque is 1.0; the
-//! defaults are the task's in [`Task`](super::Task).
+//! Dynamics and images follow the public PCC implementation. That implementation has a control step of 0.02 s and a torque
+//! of 1.0 N m; our defaults differ.
 
 use std::f64::consts::PI;
 
@@ -20,7 +20,7 @@ const SIDE: usize = 48;
 /// Mass in kg and length in m.
 const MASS: f64 = 0.1;
 const LENGTH: f64 = 0.5;
-/// Bound of the angular velocity.
+/// Bound of the angular velocity in rad/s.
 const MAX_OMEGA: f64 = 3.0 * PI;
 
 /// The task `swing_up`.
@@ -101,14 +101,15 @@ fn train_lce(of: &DefaultsOf<'_>, preset: Preset) -> Value {
     table
 }
 
-/// The pendulum. State: (angle, angular velocity) within ±π and ±3π; action: torque, which lowers the angle.
+/// The pendulum. A state is (angle, angular velocity) within ±π rad and ±3π rad/s; angle 0 is upright. An action is a
+/// torque. A positive torque lowers the angle.
 #[derive(Debug, Clone, Copy)]
 pub struct SwingUp {
     /// Standard deviation of the process noise.
     pub noise: f64,
     /// Control step in seconds.
     pub step: f64,
-    /// Largest torque.
+    /// Largest torque in newton metres.
     pub torque: f64,
 }
 
@@ -122,7 +123,8 @@ impl SwingUp {
     }
 }
 
-/// Angular acceleration: the weight hangs at the end, the inertia is that of a rod.
+/// Angular acceleration. As in the public implementation, gravity acts at the end of the pole and the inertia is that of a
+/// rod.
 fn acceleration(theta: f64, u: f64) -> f64 {
     (MASS * GRAVITY * LENGTH * libm::sin(PI - theta) - u) / (MASS * LENGTH * LENGTH / 3.0)
 }
@@ -178,12 +180,12 @@ impl System for SwingUp {
         PI / 6.0
     }
 
-    /// Angles and velocities.
+    /// A grid over angles and velocities.
     fn map_states(&self) -> Vec<(Vec<f64>, [usize; 2])> {
         pole::grid([PI, MAX_OMEGA], [49, 25]).map(|(state, cell)| (state.to_vec(), cell)).collect()
     }
 
-    /// With the same velocity: two frames show the mean velocity between them, so that is what the map calls velocity.
+    /// The state before has the same velocity. Two frames show the mean velocity between them, and the map shows that one.
     fn before(&self, state: &[f64]) -> Vec<f64> {
         vec![state[0] - state[1] * self.step, state[1]]
     }
@@ -192,7 +194,7 @@ impl System for SwingUp {
         Some([share(state[0], PI), share(state[1], MAX_OMEGA)])
     }
 
-    /// On a cylinder.
+    /// A point on a cylinder.
     fn coordinates(&self, state: &[f64]) -> Vec<f32> {
         [libm::cos(state[0]), libm::sin(state[0]), state[1] / MAX_OMEGA].map(|c| c as f32).to_vec()
     }
@@ -201,7 +203,7 @@ impl System for SwingUp {
         (radius / (2.0 * PI)) as f32
     }
 
-    /// As fast as the torque allows, then along the parabola on which it can still brake.
+    /// Turns as fast as the torque allows, then follows the parabola on which it can still brake.
     fn oracle(&self) -> Option<Oracle> {
         const BRAKING: f64 = 60.0;
         let Self { step, torque, .. } = *self;

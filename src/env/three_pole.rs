@@ -1,7 +1,7 @@
 //! Swing-up and balance of an arm with a motor in every joint (paper, appendix "3-link Manipulator").
 //!
-//! Dynamics and pictures follow the public PCC implementation for three links; the paper names the arm of two beside it.
-//! The goal is that implementation's too: every link upright, not the sum of the angles.
+//! With three links, dynamics and images follow the public PCC implementation. The paper also names an arm of two links. The
+//! goal is that of the implementation: every link is upright. The paper's text bounds the sum of the angles instead.
 
 use std::f64::consts::PI;
 
@@ -18,21 +18,22 @@ use super::{
 use crate::num::{linalg::solve_positive_definite, rng::Rng};
 
 const SIDE: usize = 80;
-/// Of every link, a rod: mass in kg, length in m, and where its weight is.
+/// Every link is a rod: its mass in kg, its length in m, and the distance of its centre of mass from its joint in m.
 const MASS: f64 = 0.1;
 const LENGTH: f64 = 0.5;
 const CENTRE: f64 = LENGTH / 2.0;
-/// Largest torques of the joints.
+/// Largest torques of the joints in newton metres.
 const MAX_TORQUE: [f64; 3] = [1.0; 3];
-/// Bounds of the angles between links, of which the first is that of the first link, and of all angular velocities.
+/// Bounds of the joint angles in rad, and of every angular velocity in rad/s. The first joint angle is measured from the
+/// upright, the others from the link before.
 const MAX_ANGLE: [f64; 3] = [PI, 2.0 / 3.0 * PI, PI / 3.0];
 const MAX_OMEGA: f64 = PI / 2.0;
-/// Where an episode starts, hanging.
+/// Joint angles of the usual start. The arm hangs.
 const START: [f64; 3] = [0.95 * PI, 0.65 * PI, 0.33 * PI];
-/// With all links within this of upright, control steps are shorter.
+/// Control steps are shorter while all links are within this angle of the upright.
 const CONE: f64 = PI / 6.0;
 const STEPS_IN_CONE: f64 = 2.5;
-/// Added to the diagonal of the inertia.
+/// A small number on the diagonal of the inertia, as in the public implementation.
 const RIDGE: f64 = 1e-6;
 
 /// The task `three_pole`.
@@ -115,7 +116,8 @@ fn train_lce(of: &DefaultsOf<'_>, preset: Preset) -> Value {
     table
 }
 
-/// The arm. State: (angle, angular velocity) of every joint; action: torques, which lower the angles.
+/// The arm. A state is (angle, angular velocity) of every joint in turn. An action is a torque on every joint. A positive
+/// torque lowers its angle.
 #[derive(Debug, Clone, Copy)]
 pub struct ThreePole {
     /// Standard deviation of the process noise.
@@ -126,7 +128,7 @@ pub struct ThreePole {
     pub links: usize,
 }
 
-/// Angles and velocities in turn; what a shorter arm has not is 0.
+/// Angles and velocities in turn. Entries of links that the arm does not have are 0.
 type State = [f64; 6];
 
 impl ThreePole {
@@ -152,7 +154,8 @@ impl ThreePole {
         if is_upright(state, CONE) { self.step / STEPS_IN_CONE } else { self.step }
     }
 
-    /// The Euler-Lagrange equations: inertia times acceleration balances torques, turning and gravity.
+    /// The derivative of a state by the Euler-Lagrange equations: inertia times acceleration equals the sum of torques,
+    /// centrifugal forces and gravity.
     fn slope(&self, state: &State, torques: &[f64; 3]) -> State {
         let n = self.links;
         let (mut inertia, mut force) = self.links_alone(state);
@@ -169,7 +172,7 @@ impl ThreePole {
         slope
     }
 
-    /// Inertia, and what gravity and turning do, by the angles of the links against the upright.
+    /// Inertia, and the forces of gravity and rotation, in the angles of the links from the upright.
     fn links_alone(&self, state: &State) -> ([[f64; 3]; 3], [f64; 3]) {
         let (mut inertia, mut force, mut omega) = ([[0.0; 3]; 3], [0.0; 3], [0.0; 3]);
         let (mut angle, mut speed) = (0.0, 0.0);
@@ -200,7 +203,7 @@ impl ThreePole {
         angles[..self.links].iter().flat_map(|&angle| [angle, 0.0]).collect()
     }
 
-    /// What a plan costs: steps away from the goal, and how far the links are from upright.
+    /// The cost of a plan: the number of steps away from the goal, plus 1 - cos of every link's angle at every step.
     fn cost(&self, start: &[f64], plan: &[f64]) -> f64 {
         let mut state = start.to_vec();
         let mut cost = 0.0;
@@ -213,7 +216,7 @@ impl ThreePole {
     }
 }
 
-/// The same by the angles of the joints: each of them moves all links beyond it.
+/// Converts inertia and forces to joint angles. A joint moves all links beyond it.
 fn onto_joints(inertia: &mut [[f64; 3]; 3], force: &mut [f64; 3], n: usize) {
     for i in (0..n - 1).rev() {
         force[i] += force[i + 1];
@@ -228,7 +231,7 @@ fn onto_joints(inertia: &mut [[f64; 3]; 3], force: &mut [f64; 3], n: usize) {
     }
 }
 
-/// The angle of every link against the upright.
+/// The angle of every link from the upright.
 fn leans(state: &[f64]) -> impl Iterator<Item = f64> {
     state.iter().step_by(2).scan(0.0, |total, angle| {
         *total += angle;
@@ -274,7 +277,7 @@ impl System for ThreePole {
         Some(MAX_ANGLE[..self.links].iter().flat_map(joint).collect())
     }
 
-    /// Prefers half of every angle's range, around the upright.
+    /// The preferred region is the middle half of every angle's range.
     fn sample_biased(&self, is_preferred: bool, rng: &mut Rng) -> Option<Vec<f64>> {
         let mut state = self.sample_state(rng)?;
         if is_preferred {
@@ -303,13 +306,13 @@ impl System for ThreePole {
         PI / 6.0
     }
 
-    /// Angles of the first two links, at rest; the third is in line with the second.
+    /// A grid over the angles of the first two joints at rest. The third link is in line with the second.
     fn map_states(&self) -> Vec<(Vec<f64>, [usize; 2])> {
         let at_rest = |([first, second], cell): ([f64; 2], _)| (self.state_of([first, second, 0.0]), cell);
         pole::grid([MAX_ANGLE[0], MAX_ANGLE[1]], [37, 33]).map(at_rest).collect()
     }
 
-    /// With the same velocities: two frames show the mean velocities between them.
+    /// The state before has the same velocities. Two frames show the mean velocities between them.
     fn before(&self, state: &[f64]) -> Vec<f64> {
         let step = self.step_from(state);
         state.as_chunks::<2>().0.iter().flat_map(|&[angle, omega]| [angle - omega * step, omega]).collect()
@@ -328,7 +331,7 @@ impl System for ThreePole {
         (radius / (2.0 * MAX_ANGLE[0])) as f32
     }
 
-    /// Plans ahead: thoroughly at first, then by mending the rest of the last plan.
+    /// Plans thoroughly at the first step. Later steps improve what remains of the last plan.
     fn oracle(&self) -> Option<Oracle> {
         const HORIZON: usize = 24;
         const AHEAD: usize = 10;
@@ -354,8 +357,8 @@ impl System for ThreePole {
 mod tests {
     use super::*;
 
-    /// Energy of motion and height, computed link by link from where its weight is and how fast that moves. The ridge acts
-    /// as a small wheel in every joint.
+    /// Kinetic and potential energy, summed over the links from position and velocity of each centre of mass. The ridge acts
+    /// like the inertia of a small wheel in every joint.
     fn energy(state: &State, links: usize) -> f64 {
         let (mut joint, mut speed, mut angle, mut omega, mut energy) = ([0.0; 2], [0.0; 2], 0.0, 0.0, 0.0);
         for joint_state in &state.as_chunks::<2>().0[..links] {

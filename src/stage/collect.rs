@@ -1,7 +1,7 @@
-//! New transitions from acting with what was learned (paper, "Sample the environment for new real data").
+//! New transitions from acting with the learned policy (paper, "Sample the environment for new real data").
 //!
-//! Where episodes go on from collection to collection, true states travel beside the transitions, and only from here to
-//! here: see `artifact::Collected`.
+//! Where episodes continue from one collection to the next, the true state of the last episode is kept beside the
+//! transitions. Only the next collection reads it: see [`Collected`].
 
 use anyhow::Context as _;
 use schemars::JsonSchema;
@@ -85,7 +85,7 @@ impl Stage for Collect {
         let mut rng = cx.rng("episodes");
         let mut transitions = none_yet(&*simulator, &spec);
         let (height, width) = transitions.picture;
-        // Every goal in turn, from a random one on.
+        // Goals follow each other in turn, from a random one on.
         let mut goal = sampling::index(&mut rng, spec.goals);
         let total = params.samples as usize;
         let mut unfinished = inputs.last.and_then(|last| last.unfinished).filter(|_| params.r#continue);
@@ -94,10 +94,7 @@ impl Stage for Collect {
         let follows = ((1.0 - params.explore) * whole as f64).round() as usize;
         let suspect = &inputs.model.suspect_goals;
         if follows < whole && !suspect.is_empty() {
-            let goals: Vec<_> = suspect.iter().map(ToString::to_string).collect();
-            let sentence = format!("episodes to suspect goals ({}) end with random actions", goals.join(", "));
-            cx.record.log(At::new(cx.round, 0, 0), Level::Info, &sentence);
-            cx.say(&sentence);
+            announce(suspect, cx);
         }
         let controllers = Controllers { model: Some(&inputs.model.model), agent: Some(&inputs.agent), ilqr: None };
         let mut policy = controllers.policy(Controller::Agent, Acting::Sample, cx.task)?;
@@ -132,6 +129,15 @@ impl Stage for Collect {
     }
 }
 
+/// Tells the user that exploration replaces the policy at the end of episodes to these goals.
+fn announce(suspect: &[usize], cx: &mut StageCx<'_>) {
+    let goals: Vec<_> = suspect.iter().map(ToString::to_string).collect();
+    let sentence = format!("episodes to suspect goals ({}) end with random actions", goals.join(", "));
+    cx.record.log(At::new(cx.round, 0, 0), Level::Info, &sentence);
+    cx.say(&sentence);
+}
+
+/// The episode as the next collection continues it.
 fn unfinished_episode(simulator: &dyn Simulator, goal: usize, steps: usize) -> anyhow::Result<UnfinishedEpisode> {
     let now = simulator.snapshot().context("the simulator does not tell its state, which `continue` needs")?;
     Ok(UnfinishedEpisode { before: now.before.clone(), state: now.state.clone(), goal, steps })
