@@ -2,17 +2,17 @@
 
 use std::collections::BTreeSet;
 
-use crate::report::{
-    outcomes::{Outcome, point_text},
-    series::Series,
-    tell_apart::suffixes,
+use crate::{
+    env::registry,
+    report::{
+        outcomes::{Outcome, point_text},
+        series::Series,
+        tell_apart::suffixes,
+    },
 };
 
 /// Fields that every table may have as rows or columns.
 const FIELDS: [&str; 8] = ["task", "algorithm", "pipeline", "member", "stage", "round", "samples", "seed"];
-
-/// The paper's order of tasks; other tasks follow.
-const TASKS: [&str; 4] = ["planar", "swing_up", "cart_pole", "three_pole"];
 
 /// A table: the names of rows and columns, and the series in its cells.
 #[derive(Debug)]
@@ -136,7 +136,7 @@ fn named(series: Vec<Series>, rows: &str, cols: &str) -> Vec<Named> {
 fn order(field: &str, name: &str) -> u64 {
     let number = || name.split(',').next().and_then(|it| it.parse().ok()).unwrap_or(u64::MAX);
     match field {
-        "task" => TASKS.iter().position(|task| name.starts_with(task)).unwrap_or(TASKS.len()) as u64,
+        "task" => registry().iter().position(|task| name.starts_with(task.name)).map_or(u64::MAX, |at| at as u64),
         "samples" | "round" | "seed" => number(),
         _ => 0,
     }
