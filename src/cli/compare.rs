@@ -91,7 +91,7 @@ fn print(heads: &[Head; 2], found: &Comparison, metric: &str) {
     rows.extend(found.only_after.iter().map(|stage| vec![format!("  {stage}"), "only after".to_owned()]));
     out::line(&format!("\n{}", out::bold(if rows.is_empty() { "parameters are equal" } else { "parameters" })));
     out::print(&out::table(&rows));
-    let rows: Vec<Vec<String>> = found.metrics.iter().map(|metric| metric_row(metric)).collect();
+    let rows: Vec<Vec<String>> = found.metrics.iter().map(metric_row).collect();
     let title = if rows.is_empty() { "no stage measured it in both runs" } else { "mean ± standard error (models)" };
     out::line(&format!("\n{}", out::bold(&format!("{metric}: {title}"))));
     out::print(&out::table(&rows));
@@ -102,7 +102,7 @@ fn print(heads: &[Head; 2], found: &Comparison, metric: &str) {
 }
 
 fn metric_row(metric: &Metric) -> Vec<String> {
-    let difference = metric.difference.as_ref().map_or_else(String::new, |it| difference(it));
+    let difference = metric.difference.as_ref().map_or_else(String::new, difference);
     let name = format!("  {}/{}", metric.pipeline, metric.stage);
     vec![name, mean(&metric.before), "->".to_owned(), mean(&metric.after), difference]
 }

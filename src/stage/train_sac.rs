@@ -161,7 +161,7 @@ impl Stage for TrainSac {
             let done = step as f64 / params.steps as f64;
             let terms = trainer.step(cx.threads.get(), 1.0 - (1.0 - params.last_pace) * done);
             record(cx, step, &terms);
-            if step % 25 == 0 || step + 1 == params.steps {
+            if step.is_multiple_of(25) || step + 1 == params.steps {
                 let value = terms.value;
                 let note = format!("value {value:.1}");
                 cx.tick(step + 1, params.steps, &note, &trainer.learner)?;

@@ -140,7 +140,8 @@ fn every_item_that_the_paper_map_names_exists() {
 fn every_item_that_another_document_names_exists() {
     let mut missing = Vec::new();
     for document in documents().iter().filter(|path| !path.ends_with("CHANGELOG.md")) {
-        let wrong = items(&read(document)).filter(|(_, exists)| *exists == Some(false)).map(|(item, _)| item);
+        let text = read(document);
+        let wrong = items(&text).filter(|(_, exists)| *exists == Some(false)).map(|(item, _)| item);
         missing.extend(wrong.map(|item| format!("{}: {item}", document.display())));
     }
     assert!(missing.is_empty(), "\n{}", missing.join("\n"));

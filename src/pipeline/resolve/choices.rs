@@ -58,7 +58,7 @@ impl<'a> Choices<'a> {
     /// Whether no text but the words fits.
     pub(crate) fn is_of_words(&self) -> bool {
         let takes_text = |schema: &&Json| schema.get("type").is_none_or(|word| word == "string");
-        !self.words.is_empty() && !self.others.iter().any(|schema| takes_text(&schema))
+        !self.words.is_empty() && !self.others.iter().any(takes_text)
     }
 
     /// The names of all choices.

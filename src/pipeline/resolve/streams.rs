@@ -45,7 +45,7 @@ fn repeats(one: &Stage, other: &Stage, rounds: u32) -> bool {
 }
 
 /// What a stage takes, in whatever order the file lists its inputs.
-fn sources<'a>(stage: &'a Stage) -> BTreeSet<(&'static str, Vec<&'a str>)> {
+fn sources(stage: &Stage) -> BTreeSet<(&'static str, Vec<&str>)> {
     stage
         .inputs
         .iter()

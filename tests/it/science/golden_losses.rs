@@ -209,6 +209,9 @@ fn check<T: Real>(file: &str, value_tolerance: f64, gradient_tolerance: f64) {
     }
 }
 
+/// Reads one term of a loss.
+type Term = fn(&Terms) -> f64;
+
 /// Without and with heads for the Jacobians of F.
 fn check_with<T: Real>(golden: &Golden, amortized: bool, file: &str, value_tolerance: f64, gradient_tolerance: f64) {
     let case = Case::<T>::new(golden, amortized);
@@ -234,7 +237,7 @@ fn check_with<T: Real>(golden: &Golden, amortized: bool, file: &str, value_toler
     }
     let (_, _, samples) = case.run(&objectives()[0].1, false);
     let curvature = if amortized { "cur_ampaper_ze" } else { "cur_jvp_ze" };
-    let terms: [(&str, fn(&Terms) -> f64); 8] = [
+    let terms: [(&str, Term); 8] = [
         ("recon_next", |terms| terms.reconstruction),
         ("kl_back", |terms| terms.kl_backward),
         ("ent_next", |terms| terms.entropy),
