@@ -118,7 +118,9 @@ fn module(path: &str) -> Option<(Vec<PathBuf>, Vec<&str>)> {
 
 /// The items that a text names, each with whether it exists; none for a path whose first part is no module.
 fn items(text: &str) -> impl Iterator<Item = (String, Option<bool>)> {
-    let items = code_spans(text).filter(|span| span.contains("::") && !span.contains(' ') || span.contains("::{"));
+    let is_item =
+        |span: &&str| span.contains("::") && span.chars().all(|c| c.is_alphanumeric() || "_:{}, ".contains(c));
+    let items = code_spans(text).filter(is_item);
     items.flat_map(expanded).map(|item| {
         let exists = module(&item).map(|(files, names)| {
             let texts: Vec<String> = files.iter().map(|file| read(file)).collect();
