@@ -130,6 +130,7 @@ const LEARNING_STAGES: &[&str] = &[
     "stage/train_lce/curves.rs",
     "stage/train_lce/new_model.rs",
     "stage/train_lce/objective.rs",
+    "stage/train_lce/presets.rs",
     "stage/train_lce/state.rs",
     "stage/train_lce/terms.rs",
     "stage/train_lce/params.rs",

@@ -6,6 +6,7 @@ mod curves;
 mod new_model;
 mod objective;
 mod params;
+mod presets;
 mod state;
 mod terms;
 
