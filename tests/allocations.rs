@@ -17,11 +17,10 @@ use carl_pipe::{
     control::{
         Agent,
         regularizer::PolicyRegularizer,
-        sac::{self, Codes, CriticActions, Learner, Reward, Sac, SacTrainer, Temperature},
+        sac::{self, Codes, Learner, Sac, SacTrainer},
     },
     lce::{
         LceModel, PassiveDynamics,
-        objective::Weights,
         trainer::{self, Data, Objective, Trainer},
         warm_up::WarmUp,
     },
@@ -31,7 +30,7 @@ use carl_pipe::{
     },
     num::rng::Rng,
 };
-use models::{convolutional_model_and_data, model_and_data};
+use models::{convolutional_model_and_data, every_term, model_and_data, sac_settings};
 use rand::SeedableRng as _;
 
 struct Counting;
@@ -147,16 +146,7 @@ fn a_training_step_allocates_nothing(model: LceModel, data: &Data) {
     let warm_up = WarmUp { sigma: 0.3, scale: 1.0, anchor: 30.0, huber_delta: 3.0, shrink: 0.01 };
     let guidance = vec![0.5; data.len()];
     let objective = Objective {
-        weights: Weights {
-            reconstruction: 1.0,
-            consistency: 8.0,
-            curvature: 1.0,
-            encode_decode: 0.01,
-            prior: 0.01,
-            deterministic: 0.3,
-            regularizer: 0.1,
-            anchor: 3.0,
-        },
+        weights: every_term(),
         curvature_sigma: 0.1,
         anchor_scale: 1.0,
         guidance: Some(&guidance),
@@ -191,22 +181,8 @@ fn a_training_step_of_the_agent_allocates_nothing() {
     let (model, data) = model_and_data(SAMPLES);
     let actions = [&data.actions[..], &data.actions].concat();
     let codes = Codes { data: model.encode(&data.images), actions, goals: vec![0.1, -0.2, 0.5, 0.5] };
-    let settings = Sac {
-        discount: 0.99,
-        rollout: 5,
-        bootstrap: true,
-        tau: 0.005,
-        policy_ema_rate: 0.005,
-        actor_learning_rate: 5e-4,
-        critic_learning_rate: 1e-3,
-        temperature: Temperature::Tuned,
-        temperature_learning_rate: 1e-3,
-        reward: Reward::Distance,
-        relabel: 0.5,
-        critic_actions: CriticActions::Uniform,
-        // Full, and over, within the steps below.
-        buffer: 5 * sac::BATCH + 11,
-    };
+    // Full, and over, within the steps below.
+    let settings = sac_settings(5 * sac::BATCH + 11);
     for settings in [settings.clone(), Sac { buffer: 1_000_000, ..settings }] {
         let agent = Agent::new(2, 2, None, 0.0, &mut Rng::seed_from_u64(4));
         let learner = Learner::new(agent, settings.buffer, Rng::seed_from_u64(5));

@@ -2,8 +2,12 @@
 
 use carl_pipe::{
     artifact::Transitions,
+    control::sac::{CriticActions, Reward, Sac, Temperature},
     env::{Planar, System as _},
-    lce::{BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes, model::background, trainer::Data},
+    lce::{
+        BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes, model::background, objective::Weights,
+        trainer::Data,
+    },
     num::{rng::Rng, sampling},
     stage::network_sizes,
 };
@@ -59,4 +63,37 @@ pub fn convolutional_model_and_data(samples: usize) -> (LceModel, Data) {
     let model = LceModel::new(sizes, background, &mut rng);
     let data = Data { images: model.pictures(&frames), actions, action_dim: 2 };
     (model, data)
+}
+
+/// Weights with which every term of the loss counts.
+pub fn every_term() -> Weights {
+    Weights {
+        reconstruction: 1.0,
+        consistency: 8.0,
+        curvature: 1.0,
+        encode_decode: 0.01,
+        prior: 0.01,
+        deterministic: 0.3,
+        regularizer: 0.1,
+        anchor: 3.0,
+    }
+}
+
+/// SAC with bootstrapped targets and a latent buffer of this many tuples.
+pub fn sac_settings(buffer: usize) -> Sac {
+    Sac {
+        discount: 0.99,
+        rollout: 5,
+        bootstrap: true,
+        tau: 0.005,
+        policy_ema_rate: 0.005,
+        actor_learning_rate: 5e-4,
+        critic_learning_rate: 1e-3,
+        temperature: Temperature::Tuned,
+        temperature_learning_rate: 1e-3,
+        reward: Reward::Distance,
+        relabel: 0.5,
+        critic_actions: CriticActions::Uniform,
+        buffer,
+    }
 }

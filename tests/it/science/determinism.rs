@@ -3,15 +3,14 @@
 use crate::support::stages;
 use std::collections::BTreeSet;
 
-use crate::support::models::{convolutional_model_and_data, model_and_data};
+use crate::support::models::{convolutional_model_and_data, every_term, model_and_data, sac_settings};
 use carl_pipe::{
     control::{
         Agent,
-        sac::{Codes, CriticActions, Learner, Reward, Sac, SacTrainer, Temperature},
+        sac::{Codes, Learner, SacTrainer},
     },
     lce::{
         LceModel, PassiveDynamics,
-        objective::Weights,
         trainer::{Data, Objective, Trainer},
         warm_up::WarmUp,
     },
@@ -51,16 +50,7 @@ fn threads_change_no_bit_of(model: &LceModel, data: &Data) {
         z.iter().map(|z| 0.5 * steep * z * z).sum()
     };
     let objective = Objective {
-        weights: Weights {
-            reconstruction: 1.0,
-            consistency: 8.0,
-            curvature: 1.0,
-            encode_decode: 0.01,
-            prior: 0.01,
-            deterministic: 0.3,
-            regularizer: 0.1,
-            anchor: 3.0,
-        },
+        weights: every_term(),
         curvature_sigma: 0.1,
         anchor_scale: 1.0,
         guidance: Some(&guidance),
@@ -90,24 +80,6 @@ fn threads_change_no_bit_of(model: &LceModel, data: &Data) {
     }
 }
 
-fn sac() -> Sac {
-    Sac {
-        discount: 0.99,
-        rollout: 5,
-        bootstrap: true,
-        tau: 0.005,
-        policy_ema_rate: 0.005,
-        actor_learning_rate: 5e-4,
-        critic_learning_rate: 1e-3,
-        temperature: Temperature::Tuned,
-        temperature_learning_rate: 1e-3,
-        reward: Reward::Distance,
-        relabel: 0.5,
-        critic_actions: CriticActions::Uniform,
-        buffer: 1_000,
-    }
-}
-
 #[test]
 fn threads_change_no_bit_of_the_agent() {
     let (model, data) = model_and_data(64);
@@ -119,8 +91,8 @@ fn threads_change_no_bit_of_the_agent() {
     let train = |threads: usize| {
         on_threads(threads, || {
             let agent = Agent::new(2, 2, None, 0.0, &mut Rng::seed_from_u64(4));
-            let learner = Learner::new(agent, sac().buffer, Rng::seed_from_u64(5));
-            let mut trainer = SacTrainer::new(learner, &model, &codes, sac());
+            let learner = Learner::new(agent, sac_settings(1_000).buffer, Rng::seed_from_u64(5));
+            let mut trainer = SacTrainer::new(learner, &model, &codes, sac_settings(1_000));
             // More tuples than the buffer holds, so that it wraps.
             let terms: Vec<_> = (0..10).map(|_| trainer.step(threads, 1.0)).collect();
             (terms, trainer.learner.agent)
