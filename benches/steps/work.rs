@@ -4,7 +4,7 @@ use carl_pipe::{
     control::{
         Agent,
         agent::Whitening,
-        sac::{Codes, CriticActions, Learner, Reward, Sac, SacTrainer, Temperature},
+        sac::{Codes, CriticActions, Learner, Reward, Sac, SacTrainer, Temperature, Tuning},
     },
     env::Task,
     lce::{
@@ -183,8 +183,7 @@ fn sac(threads: usize) -> Work {
         policy_ema_rate: 0.005,
         actor_learning_rate: 5e-4,
         critic_learning_rate: 1e-3,
-        temperature: Temperature::Tuned,
-        temperature_learning_rate: 1e-3,
+        temperature: Temperature::Tuned(Tuning::default()),
         reward: Reward::Distance,
         relabel: 0.5,
         critic_actions: CriticActions::Uniform,

@@ -64,7 +64,7 @@ impl TryFrom<SizesFile> for Sizes {
             (None, None) => ImageNetworks::Dense,
             (Some([frames, rows, columns]), None) => ImageNetworks::Convolutional { frames, rows, columns },
             (None, Some(patches)) => ImageNetworks::Patches(patches),
-            (Some(_), Some(_)) => anyhow::bail!("networks are either convolutional or read squares, not both"),
+            (Some(_), Some(_)) => anyhow::bail!("networks are either convolutional or read patches, not both"),
         };
         let [z, u, x, joint] = file.backward;
         let sizes = Self {
@@ -107,7 +107,7 @@ fn check(sizes: &Sizes) -> anyhow::Result<()> {
             check_widths(&[columns])?;
             ensure!(
                 (1..=15).contains(&side) && columns % side == 0 && pixels % (columns * side) == 0,
-                "squares of {side} pixels in {columns} columns do not match observations of {pixels} pixels"
+                "patches of {side} pixels in {columns} columns do not match observations of {pixels} pixels"
             );
         }
     }

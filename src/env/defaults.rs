@@ -30,7 +30,16 @@ pub struct DefaultsOf<'a> {
 impl<'a> DefaultsOf<'a> {
     /// The choice that the file writes for a parameter, such as `objective`.
     pub fn chosen(&self, parameter: &str) -> Option<&'a str> {
-        self.given.get(parameter).and_then(Value::as_str)
+        chosen(self.given, parameter)
+    }
+}
+
+/// The choice that a file writes for a parameter: `"pcc"`, or the one key of `{ value_guided = { … } }`.
+pub(crate) fn chosen<'a>(given: &'a Map<String, Value>, parameter: &str) -> Option<&'a str> {
+    match given.get(parameter)? {
+        Value::String(word) => Some(word),
+        Value::Object(table) if table.len() == 1 => table.keys().next().map(String::as_str),
+        _ => None,
     }
 }
 

@@ -17,6 +17,7 @@ mod three_pole;
 
 pub use cart_pole::CartPole;
 pub use ceiling::Protocol;
+pub(crate) use defaults::chosen;
 pub use defaults::{BackwardSizes, DefaultsOf, NetworkSizes, Preset};
 pub use planar::Planar;
 pub use registry::{OptionValue, TaskKind, TaskOption, World, add_to_registry, registry, task_kind};

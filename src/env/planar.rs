@@ -40,10 +40,12 @@ pub(super) const TASK: TaskKind = TaskKind {
 fn defaults(of: &DefaultsOf<'_>) -> Value {
     match (of.stage, of.preset) {
         // The paper's share of samples from the preferred region.
-        ("generate_data", _) => json!({ "biased_share": 0.5 }),
+        ("generate_data", _) if of.chosen("region") == Some("biased") => {
+            json!({ "region": { "biased": { "preferred_share": 0.5 } } })
+        }
         ("train_lce", _) if of.chosen("objective") == Some("value_guided") => json!({
             "lambda": { "prediction": 2.0, "consistency": 11.0 },
-            "guidance": { "temperature": 1.0 / 30.0 },
+            "objective": { "value_guided": { "temperature": 1.0 / 30.0 } },
         }),
         ("control_ilqr", Preset::Recipe) => json!({ "state_cost": 10.0, "action_cost": 1.0, "plan_length": 10 }),
         // PCC's r = 1 counts actions in units of the task. Ours are in units of the limit.

@@ -69,10 +69,12 @@ fn ceiling(task: &Task, start: Start) -> Option<f64> {
 fn defaults(of: &DefaultsOf<'_>) -> Value {
     match (of.stage, of.preset) {
         // The paper's share of samples from the preferred region.
-        ("generate_data", _) => json!({ "biased_share": 0.95 }),
+        ("generate_data", _) if of.chosen("region") == Some("biased") => {
+            json!({ "region": { "biased": { "preferred_share": 0.95 } } })
+        }
         ("train_lce", preset) => train_lce(of, preset),
         // A rollout as long as a swing takes. The step size falls, since the agent forgets what it learned early otherwise.
-        ("train_sac", Preset::Recipe) => json!({ "rollout": 10, "last_pace": 0.05 }),
+        ("train_sac", Preset::Recipe) => json!({ "rollout": 10, "learning_rate_end_factor": 0.05 }),
         ("control_ilqr", Preset::Recipe) => json!({ "state_cost": 50.0, "action_cost": 1.0, "plan_length": 10 }),
         // PCC's r = 1 counts actions in units of the task. Ours are in units of the limit.
         ("control_ilqr", Preset::Paper) => {
@@ -88,14 +90,14 @@ fn train_lce(of: &DefaultsOf<'_>, preset: Preset) -> Value {
         Some("pcc") => json!({}),
         Some("value_guided") => json!({
             "lambda": { "prediction": 1.0, "consistency": 7.0 },
-            "guidance": { "temperature": 1.0 / 60.0 },
+            "objective": { "value_guided": { "temperature": 1.0 / 60.0 } },
         }),
         _ => json!({ "lambda": { "consistency": 11.0 } }),
     };
     if preset == Preset::Recipe {
         // A pole moves without an action, and nothing blocks it, so the anchor meets no outliers.
-        table["drift"] = "quadratic".into();
-        table["warm_up"] = json!({ "scale": 2.0, "anchor": 100.0, "outlier": 1000.0 });
+        table["passive_dynamics"] = "quadratic".into();
+        table["warm_up"]["loss"] = json!({ "scale": 2.0, "anchor": 100.0, "huber_delta": 1000.0 });
         table["lambda"]["anchor"] = 10.0.into();
     }
     table

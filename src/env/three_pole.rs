@@ -76,11 +76,13 @@ fn ceiling(task: &Task, start: Start) -> Option<f64> {
 fn defaults(of: &DefaultsOf<'_>) -> Value {
     match (of.stage, of.preset) {
         // The paper's share of samples from the preferred region.
-        ("generate_data", _) => json!({ "biased_share": 0.2 }),
+        ("generate_data", _) if of.chosen("region") == Some("biased") => {
+            json!({ "region": { "biased": { "preferred_share": 0.2 } } })
+        }
         ("train_lce", preset) => train_lce(of, preset),
         // Three links take long to stand up. Most states of the data fall whatever is done, so critics that also learn to
         // reach them learn little.
-        ("train_sac", Preset::Recipe) => json!({ "rollout": 16, "last_pace": 0.05, "relabel": 0.0 }),
+        ("train_sac", Preset::Recipe) => json!({ "rollout": 16, "learning_rate_end_factor": 0.05, "relabel": 0.0 }),
         // PCC's r = 1 counts actions in units of the task, and a torque of 1 is the limit here.
         ("control_ilqr", _) => json!({ "state_cost": 50.0, "action_cost": 1.0, "plan_length": 20 }),
         _ => json!({}),
@@ -92,25 +94,24 @@ fn train_lce(of: &DefaultsOf<'_>, preset: Preset) -> Value {
         Some("pcc") => json!({}),
         Some("value_guided") => json!({
             "lambda": { "prediction": 2.0, "consistency": 11.0 },
-            "guidance": { "temperature": 1.0 / 60.0 },
+            "objective": { "value_guided": { "temperature": 1.0 / 60.0 } },
         }),
         _ => json!({ "lambda": { "consistency": 11.0 } }),
     };
     if preset == Preset::Recipe {
         // A pole moves without an action, and nothing blocks it, so the anchor meets no outliers.
-        table["drift"] = "quadratic".into();
+        table["passive_dynamics"] = "quadratic".into();
         table["lambda"]["anchor"] = 10.0.into();
         // One step shows little of an action. A map that shows more of it learns the data by heart.
-        table["warm_up"] = json!({ "scale": 0.5, "anchor": 30.0, "outlier": 1000.0 });
+        table["warm_up"]["loss"] = json!({ "scale": 0.5, "anchor": 30.0, "huber_delta": 1000.0 });
         // Codes of so few pictures jitter as much as they move, so F learns the motion last.
-        table["refit_steps"] = 3000.into();
+        table["slopes"] = json!({ "exact": { "refit_steps": 3000 } });
         // A thousand random transitions share no pictures. Networks that read every pixel learn the pictures by heart,
         // and so does a warm-up that decodes none.
-        table["anchor_epochs"] = 0.into();
+        table["warm_up"]["anchor_epochs"] = 0.into();
         if of.chosen("networks") != Some("paper") {
-            // A pole is few pixels wide. Squares of 8 lose its motion. Squares of 4 need dropout.
-            table["networks"] = "squares".into();
-            (table["square"], table["input_dropout"]) = (4.into(), 0.2.into());
+            // A pole is few pixels wide. Patches of 8 x 8 lose its motion. Patches of 4 x 4 need dropout.
+            table["networks"] = json!({ "pooled_patches": { "side": 4, "dropout": 0.2 } });
         }
     }
     table

@@ -22,23 +22,35 @@ pub(super) struct Params {
     trajectory: u64,
     /// Where states are drawn from.
     region: Region,
-    /// Share of states from the preferred region, where `region` is `biased`; p in the paper.
-    biased_share: f64,
 }
 
 /// Where states are drawn from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Region {
     /// All states.
     All,
     /// The two regions of the paper's experiment with biased sampling; the preferred one is mostly where a task begins.
-    Biased,
+    Biased(Bias),
+}
+
+/// How much more often biased sampling draws from the preferred region.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct Bias {
+    /// Share of states from the preferred region; p in the paper.
+    preferred_share: f64,
+}
+
+impl Default for Bias {
+    fn default() -> Self {
+        Self { preferred_share: 0.5 }
+    }
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { samples: 5000, trajectory: 1, region: Region::All, biased_share: 0.5 }
+        Self { samples: 5000, trajectory: 1, region: Region::All }
     }
 }
 
@@ -50,7 +62,9 @@ impl super::Params for Params {
     fn check(&self) -> Vec<Refusal> {
         let mut refusals = super::at_least_one("samples", self.samples);
         refusals.extend(super::at_least_one("trajectory", self.trajectory));
-        within(&mut refusals, "biased_share", self.biased_share, 0.0, 1.0);
+        if let Region::Biased(Bias { preferred_share }) = self.region {
+            within(&mut refusals, "region.biased.preferred_share", preferred_share, 0.0, 1.0);
+        }
         refusals
     }
 }
@@ -63,7 +77,8 @@ pub(super) struct GenerateData;
 
 impl Stage for GenerateData {
     const KIND: &'static str = "generate_data";
-    const VERSION: u32 = 1;
+    /// 2: the share of the preferred region stands under `region`; same output.
+    const VERSION: u32 = 2;
     const ABOUT: &'static str = "transitions from uniformly random states and actions";
     type Params = Params;
     type Inputs = Inputs;
@@ -117,8 +132,8 @@ impl States<'_> {
 
     fn draw(&self, rng: &mut Rng) -> anyhow::Result<Option<Vec<f64>>> {
         let (task, system) = (self.task, self.system.as_ref());
-        if self.params.region == Region::Biased {
-            let is_preferred = f64::from(sampling::uniform(rng, 0.0, 1.0)) < self.params.biased_share;
+        if let Region::Biased(Bias { preferred_share }) = self.params.region {
+            let is_preferred = f64::from(sampling::uniform(rng, 0.0, 1.0)) < preferred_share;
             let state = system.and_then(|system| system.sample_biased(is_preferred, rng));
             return state.map(Some).with_context(|| format!("`{task}` has no region for `region = \"biased\"`"));
         }

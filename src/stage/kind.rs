@@ -137,7 +137,7 @@ mod tests {
             for kind in registry() {
                 for objective in ["carl", "pcc", "value_guided"] {
                     for preset in [Preset::Recipe, Preset::Paper] {
-                        let given = json!({ "objective": objective });
+                        let given = json!({ "objective": objective, "region": "biased" });
                         let given = given.as_object().unwrap();
                         let params = (kind.preset)(&PresetOf { preset, task: &task, given });
                         let declared = task.defaults(kind.name, preset, given);

@@ -74,6 +74,11 @@ pub struct PresetOf<'a> {
 }
 
 impl PresetOf<'_> {
+    /// The choice that the file writes for a parameter, such as `objective`.
+    pub fn chosen(&self, parameter: &str) -> Option<&str> {
+        crate::env::chosen(self.given, parameter)
+    }
+
     /// Lays the defaults that the task declares for the kind `stage` over the kind's general ones.
     ///
     /// # Panics

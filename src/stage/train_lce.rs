@@ -43,8 +43,8 @@ pub(super) struct TrainLce;
 
 impl Stage for TrainLce {
     const KIND: &'static str = "train_lce";
-    /// 2: gradients of convolutional encoders are summed over what lit pixels reach.
-    const VERSION: u32 = 2;
+    /// 3: parameters under their choice; same output as 2.
+    const VERSION: u32 = 3;
     const ABOUT: &'static str =
         "encoder, dynamics, decoder and backward dynamics by the loss of CARL, value-guided or not, or PCC";
     type Params = Params;
@@ -64,7 +64,7 @@ impl Stage for TrainLce {
             Some(model) => Ok(Training::new(warm_start(params, model.clone())?)),
             None => Ok(Training::new(new_model(0, params, transitions, cx)?)),
         })?;
-        let scale = params.warm_up.scale;
+        let scale = params.warm_up.loss.scale;
         let (kept, checks) = loop {
             let trained = setup.train(&mut training, cx)?;
             let attempt = Attempt { number: training.attempt, trained };
@@ -96,7 +96,7 @@ fn warm_start(params: &Params, mut model: TrainedModel) -> anyhow::Result<Traine
         model.model.sizes.jacobian_heads == (params.slopes == Slopes::Amortized),
         "`slopes` differs from what the model of `warm_start` was trained with"
     );
-    model.set_passive_dynamics(params.drift);
+    model.set_passive_dynamics(params.passive_dynamics);
     Ok(model)
 }
 
@@ -109,7 +109,7 @@ fn new_model(
 ) -> anyhow::Result<TrainedModel> {
     let sizes = network_sizes(cx.task);
     let mut model = new_model::random_model(params, transitions, sizes, &mut cx.rng(("weights", attempt)))?;
-    model.set_passive_dynamics(params.drift);
+    model.set_passive_dynamics(params.passive_dynamics);
     Ok(model)
 }
 

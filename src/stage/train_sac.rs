@@ -11,7 +11,7 @@ use crate::{
     control::{
         Agent,
         agent::Whitening,
-        sac::{Codes, CriticActions, Learner, Reward, Sac, SacTerms, SacTrainer, Temperature},
+        sac::{Codes, CriticActions, Learner, Reward, Sac, SacTerms, SacTrainer, Temperature, Tuning},
     },
     lce::LceModel,
     num::math,
@@ -29,22 +29,20 @@ pub(super) struct Params {
     rollout: u64,
     /// Whether a target adds the target critics' value at the end of the latent rollout.
     bootstrap: bool,
-    /// tau: share of the new critics in the target critics at every update.
-    target_rate: f64,
+    /// Share of the new critics in the target critics at every update.
+    tau: f64,
     /// Share of the new actor in the averaged policy at every update. With 1 the newest actor acts.
-    acting_rate: f64,
+    policy_ema_rate: f64,
     /// Adam step size of the actor.
     actor_learning_rate: f64,
     /// Adam step size of the critics.
     critic_learning_rate: f64,
     /// Share of the step sizes of actor and critics at the last update. They fall linearly to it.
-    last_pace: f64,
+    learning_rate_end_factor: f64,
     /// How the temperature moves.
     temperature: Temperature,
     /// Temperature of a new agent.
-    first_temperature: f64,
-    /// Adam step size of the temperature's logarithm.
-    temperature_learning_rate: f64,
+    initial_temperature: f64,
     /// The reward of a step.
     reward: Reward,
     /// Share of the goals that are observations of the data instead of goal images.
@@ -64,14 +62,13 @@ impl Default for Params {
             discount: 0.99,
             rollout: 5,
             bootstrap: false,
-            target_rate: 0.005,
-            acting_rate: 0.005,
+            tau: 0.005,
+            policy_ema_rate: 0.005,
             actor_learning_rate: 5e-4,
             critic_learning_rate: 1e-3,
-            last_pace: 1.0,
-            temperature: Temperature::Tuned,
-            first_temperature: 1.0,
-            temperature_learning_rate: 1e-3,
+            learning_rate_end_factor: 1.0,
+            temperature: Temperature::Tuned(Tuning::default()),
+            initial_temperature: 1.0,
             reward: Reward::Distance,
             relabel: 0.5,
             critic_actions: CriticActions::Uniform,
@@ -86,7 +83,7 @@ impl super::Params for Params {
         let general = match of.preset {
             Preset::Recipe => Self::default(),
             Preset::Paper => Self {
-                acting_rate: 1.0,
+                policy_ema_rate: 1.0,
                 temperature: Temperature::Decayed,
                 relabel: 0.0,
                 critic_actions: CriticActions::Data,
@@ -101,9 +98,9 @@ impl super::Params for Params {
         let mut refusals = super::at_least_one("steps", self.steps);
         for (path, share) in [
             ("discount", self.discount),
-            ("target_rate", self.target_rate),
-            ("acting_rate", self.acting_rate),
-            ("last_pace", self.last_pace),
+            ("tau", self.tau),
+            ("policy_ema_rate", self.policy_ema_rate),
+            ("learning_rate_end_factor", self.learning_rate_end_factor),
             ("relabel", self.relabel),
         ] {
             within(&mut refusals, path, share, 0.0, 1.0);
@@ -111,10 +108,12 @@ impl super::Params for Params {
         for (path, value) in [
             ("actor_learning_rate", self.actor_learning_rate),
             ("critic_learning_rate", self.critic_learning_rate),
-            ("temperature_learning_rate", self.temperature_learning_rate),
-            ("first_temperature", self.first_temperature),
+            ("initial_temperature", self.initial_temperature),
         ] {
             above_zero(&mut refusals, path, value);
+        }
+        if let Temperature::Tuned(Tuning { learning_rate }) = self.temperature {
+            above_zero(&mut refusals, "temperature.tuned.learning_rate", learning_rate);
         }
         within(&mut refusals, "buffer", self.buffer as f64, 1.0, 1e9);
         within(&mut refusals, "rollout", self.rollout as f64, 0.0, 1000.0);
@@ -137,7 +136,8 @@ pub(super) struct TrainSac;
 
 impl Stage for TrainSac {
     const KIND: &'static str = "train_sac";
-    const VERSION: u32 = 1;
+    /// 2: parameters under their choice; same output.
+    const VERSION: u32 = 2;
     const ABOUT: &'static str = "an agent by model-based soft actor-critic in the latent space";
     type Params = Params;
     type Inputs = Inputs;
@@ -159,7 +159,7 @@ impl Stage for TrainSac {
         while trainer.learner.steps < params.steps {
             let step = trainer.learner.steps;
             let done = step as f64 / params.steps as f64;
-            let terms = trainer.step(cx.threads.get(), 1.0 - (1.0 - params.last_pace) * done);
+            let terms = trainer.step(cx.threads.get(), 1.0 - (1.0 - params.learning_rate_end_factor) * done);
             record(cx, step, &terms);
             if step.is_multiple_of(25) || step + 1 == params.steps {
                 let value = terms.value;
@@ -176,7 +176,7 @@ fn random_agent(params: &Params, model: &LceModel, codes: &Codes, cx: &StageCx<'
     let n = model.sizes.latent;
     let means: Vec<f32> = codes.data.chunks_exact(2 * n).flat_map(|code| &code[..n]).copied().collect();
     let whitening = params.whiten.then(|| Whitening::of(&means, n));
-    let log_alpha = math::ln(params.first_temperature as f32);
+    let log_alpha = math::ln(params.initial_temperature as f32);
     Agent::new(n, model.sizes.action, whitening, log_alpha, &mut cx.rng("weights"))
 }
 
@@ -197,12 +197,11 @@ impl Params {
             discount: self.discount,
             rollout: self.rollout as usize,
             bootstrap: self.bootstrap,
-            tau: self.target_rate,
-            policy_ema_rate: self.acting_rate,
+            tau: self.tau,
+            policy_ema_rate: self.policy_ema_rate,
             actor_learning_rate: self.actor_learning_rate,
             critic_learning_rate: self.critic_learning_rate,
             temperature: self.temperature,
-            temperature_learning_rate: self.temperature_learning_rate,
             reward: self.reward,
             relabel: self.relabel,
             critic_actions: self.critic_actions,

@@ -2,7 +2,7 @@
 
 use carl_pipe::{
     artifact::Transitions,
-    control::sac::{CriticActions, Reward, Sac, Temperature},
+    control::sac::{CriticActions, Reward, Sac, Temperature, Tuning},
     env::{Planar, System as _},
     lce::{
         BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes, model::background, objective::Weights,
@@ -89,8 +89,7 @@ pub fn sac_settings(buffer: usize) -> Sac {
         policy_ema_rate: 0.005,
         actor_learning_rate: 5e-4,
         critic_learning_rate: 1e-3,
-        temperature: Temperature::Tuned,
-        temperature_learning_rate: 1e-3,
+        temperature: Temperature::Tuned(Tuning::default()),
         reward: Reward::Distance,
         relabel: 0.5,
         critic_actions: CriticActions::Uniform,

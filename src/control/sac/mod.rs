@@ -14,7 +14,7 @@ mod trainer;
 pub use learner::Learner;
 pub use replay::LatentBuffer;
 pub use reward::Reward;
-pub use settings::{BATCH, CriticActions, Sac, Temperature};
+pub use settings::{BATCH, CriticActions, Sac, Temperature, Tuning};
 pub use trainer::{Codes, SacTerms, SacTrainer};
 
 #[cfg(test)]

@@ -6,15 +6,29 @@ use super::reward::Reward;
 pub const BATCH: usize = 128;
 
 /// How the temperature alpha moves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Temperature {
     /// Gradient steps move the policy's entropy towards minus the number of action components.
-    Tuned,
+    Tuned(Tuning),
     /// It keeps its first value.
     Fixed,
     /// Every step multiplies it by 0.99995.
     Decayed,
+}
+
+/// How the temperature is tuned.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Tuning {
+    /// Adam step size of ln alpha.
+    pub learning_rate: f64,
+}
+
+impl Default for Tuning {
+    fn default() -> Self {
+        Self { learning_rate: 1e-3 }
+    }
 }
 
 /// The actions that the critics are trained on.
@@ -46,8 +60,6 @@ pub struct Sac {
     pub critic_learning_rate: f64,
     /// How alpha moves.
     pub temperature: Temperature,
-    /// Adam step size of ln alpha.
-    pub temperature_learning_rate: f64,
     /// The reward of a step.
     pub reward: Reward,
     /// Share of the goals that are codes of the data; the other goals are codes of goal images.

@@ -53,8 +53,7 @@ fn settings() -> Sac {
         policy_ema_rate: 0.05,
         actor_learning_rate: 1e-3,
         critic_learning_rate: 2e-3,
-        temperature: Temperature::Tuned,
-        temperature_learning_rate: 1e-3,
+        temperature: Temperature::Tuned(Tuning::default()),
         reward: Reward::Distance,
         relabel: 0.0,
         critic_actions: CriticActions::Uniform,
@@ -285,7 +284,7 @@ fn the_temperature_moves_entropy_towards_its_target() {
         trainer.learner.agent.temperature() / before
     };
     // The target is minus the number of action components, -2.
-    trainer.settings.temperature = Temperature::Tuned;
+    trainer.settings.temperature = Temperature::Tuned(Tuning::default());
     assert!(alpha_after(&mut trainer, -3.0) > 1.0, "too little entropy raises alpha");
     trainer.learner.agent.log_alpha.adam = crate::nn::adam::Adam::new(1);
     assert!(alpha_after(&mut trainer, -1.0) < 1.0, "too much entropy lowers alpha");

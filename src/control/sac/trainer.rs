@@ -5,7 +5,7 @@ use super::{
     latent_rollout::{LatentRollout, RolloutBuffers},
     learner::Learner,
     replay::Tuple,
-    settings::{BATCH, Sac, Temperature},
+    settings::{BATCH, Sac, Temperature, Tuning},
 };
 use crate::{
     control::agent::Agent,
@@ -153,9 +153,8 @@ impl<'a> SacTrainer<'a> {
         match self.settings.temperature {
             Temperature::Fixed => {}
             Temperature::Decayed => agent.log_alpha.arena[0] -= TEMPERATURE_DECAY,
-            Temperature::Tuned => {
+            Temperature::Tuned(Tuning { learning_rate }) => {
                 let gradient = [(entropy + agent.action as f64) as f32];
-                let learning_rate = self.settings.temperature_learning_rate;
                 let settings = AdamSettings { learning_rate, weight_decay: 0.0 };
                 agent.log_alpha.adam.step(1, settings, &mut agent.log_alpha.arena, &gradient);
             }

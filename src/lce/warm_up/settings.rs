@@ -14,7 +14,6 @@ pub struct WarmUp {
     pub anchor: f64,
     /// Delta of the anchor's pseudo-Huber loss, in units of s: beyond it the loss grows linearly, because a blocked move
     /// is an outlier, not an error of the map.
-    #[serde(rename = "outlier")]
     pub huber_delta: f64,
     /// Weight of |z|².
     pub shrink: f64,

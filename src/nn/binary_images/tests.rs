@@ -40,7 +40,7 @@ fn differences_give_the_dense_product_and_its_gradient() {
 }
 
 #[test]
-fn squares_are_read_as_the_share_of_their_pixels_that_is_lit() {
+fn patches_are_read_as_the_share_of_their_pixels_that_is_lit() {
     let mut rng = Rng::seed_from_u64(4);
     let (patches, pixels, n_out, count) = (PooledPatches { columns: 12, side: 3 }, 6 * 12, 5, 7);
     let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
@@ -77,7 +77,7 @@ fn squares_are_read_as_the_share_of_their_pixels_that_is_lit() {
 }
 
 #[test]
-fn thinned_squares_are_read_right_on_average_and_decoded_whole() {
+fn thinned_patches_are_read_right_on_average_and_decoded_whole() {
     let mut rng = Rng::seed_from_u64(6);
     let (patches, pixels, count) = (PooledPatches { columns: 4, side: 2 }, 16, 3);
     let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 2) == 0)).collect();

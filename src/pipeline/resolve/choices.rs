@@ -55,6 +55,13 @@ impl<'a> Choices<'a> {
         self.words.contains(&word)
     }
 
+    /// Whether a word names a choice whose parameters may all be left out.
+    pub(crate) fn may_be_empty(&self, word: &str) -> bool {
+        let required =
+            |schema: &&Json| schema.get("required").and_then(Json::as_array).is_some_and(|it| !it.is_empty());
+        self.tag.is_none() && self.tables.get(word).is_some_and(|schema| !required(schema))
+    }
+
     /// Whether no text but the words fits.
     pub(crate) fn is_of_words(&self) -> bool {
         let takes_text = |schema: &&Json| schema.get("type").is_none_or(|word| word == "string");

@@ -2,7 +2,7 @@
 //! tasks and parameters are computed at every point of the matrix.
 
 mod axes;
-mod choices;
+pub(crate) mod choices;
 mod defaults;
 pub(crate) mod names;
 pub(crate) mod params;

@@ -1,5 +1,6 @@
 //! Compares a table with the JSON schema of the type that it is read into. Every unknown key, wrong type and unknown
-//! choice is reported at its place, and taken out, so that the rest can be used.
+//! choice is reported at its place, and taken out, so that the rest can be used. A choice whose parameters all have defaults
+//! may be written as a word: `"uniform"` becomes `{ uniform = {} }`.
 
 use serde_json::Value as Json;
 
@@ -11,7 +12,7 @@ use crate::{
             choices::{Choices, expected},
             types::{accepts, resolved},
         },
-        syntax::tree::{Entry, Table, Tree, Value},
+        syntax::tree::{Entry, Key, Table, Tree, Value},
     },
 };
 
@@ -107,6 +108,14 @@ impl Walk<'_> {
         let span = tree.span.clone();
         match &mut tree.value {
             Value::Text(word) if choices.has_word(word) => true,
+            Value::Text(word) if choices.may_be_empty(word) => {
+                let entry = Entry {
+                    key: Key::new(word.clone(), span.clone()),
+                    value: Tree { value: Value::Table(Table::default()), span },
+                };
+                tree.value = Value::Table(Table::from_iter([entry]));
+                true
+            }
             Value::Text(word) if choices.is_of_words() || choices.tables.contains_key(word.as_str()) => {
                 let mistake = Diagnostic::at(span, format!("`{path}` cannot be `{word}`"));
                 let help = if choices.tables.contains_key(word.as_str()) {
@@ -189,11 +198,13 @@ mod tests {
     fn checked(text: &str) -> (Vec<String>, Json) {
         let size = json!({ "type": "object", "additionalProperties": false,
             "properties": { "size": { "type": "integer", "format": "uint64", "minimum": 0 } } });
+        let mut sizes = size.clone();
+        sizes["required"] = json!(["size"]);
         let schema = json!({ "type": "object", "additionalProperties": false, "properties": {
             "network": { "oneOf": [
                 { "type": "string", "const": "plain" },
                 { "type": "object", "additionalProperties": false, "properties": { "patches": size }, "required": ["patches"] },
-                { "type": "object", "additionalProperties": false, "properties": { "blocks": size }, "required": ["blocks"] },
+                { "type": "object", "additionalProperties": false, "properties": { "blocks": sizes }, "required": ["blocks"] },
             ] },
             "noise": { "oneOf": [
                 { "type": "object", "properties": { "kind": { "const": "none" } }, "additionalProperties": false },
@@ -222,6 +233,7 @@ mod tests {
         assert_eq!(mistakes, [""; 0]);
         assert_eq!(left["noise"], json!({ "kind": "normal", "sigma": 1 }));
         assert_eq!(checked("network = \"plain\"").0, [""; 0]);
+        assert_eq!(checked("network = \"patches\"").1, json!({ "network": { "patches": {} } }));
     }
 
     #[test]
@@ -246,8 +258,8 @@ mod tests {
         let said = |text: &str| checked(text).0.join("\n");
         assert_eq!(said("network = \"plan\""), "\"plan\": `network` cannot be `plan`; did you mean `plain`?");
         assert_eq!(
-            said("network = \"patches\""),
-            "\"patches\": `network` cannot be `patches`; write `network = { patches = { … } }`"
+            said("network = \"blocks\""),
+            "\"blocks\": `network` cannot be `blocks`; write `network = { blocks = { … } }`"
         );
         assert_eq!(
             said("network = { patch = {} }"),
@@ -255,7 +267,7 @@ mod tests {
         );
         assert_eq!(said("network = { plain = {} }"), "plain: `network` cannot be `plain`; write `network = \"plain\"`");
         assert_eq!(
-            said("network = { patches = {}, blocks = {} }"),
+            said("network = { patches = {}, blocks = { size = 1 } }"),
             "blocks: `network` takes one choice, but has 2; choices: plain, blocks, patches"
         );
         assert_eq!(

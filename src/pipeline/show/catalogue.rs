@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 use super::wrap::wrap;
 use crate::{
     env::Task,
-    pipeline::resolve::types::resolved,
+    pipeline::resolve::{choices::Choices, types::resolved},
     stage::{Arity, Kind, Preset, PresetOf},
 };
 
@@ -123,10 +123,26 @@ fn collect(above: &str, schema: &Value, root: &Value, values: (&Value, &Value), 
             collect(&path, property, root, (&recipe, &paper), found);
             continue;
         }
+        let choices = Choices::of(property, root);
         let about = [written, property].iter().find_map(|schema| schema.get("description")?.as_str());
         let about = about.unwrap_or_default().to_owned();
-        found.push(Parameter { path, type_: type_of(property, root), recipe, paper, about });
+        let made = |value: &Value| match choices.as_ref().and_then(|choices| choices.made(value)) {
+            Some(name) => name.into(),
+            None => value.clone(),
+        };
+        let type_ = type_of(property, root);
+        found.push(Parameter { path: path.clone(), type_, recipe: made(&recipe), paper: made(&paper), about });
+        for (name, schema) in choices.iter().flat_map(|choices| &choices.tables) {
+            let below = |value: &Value| value.get(name).cloned().unwrap_or_else(|| defaults(schema));
+            collect(&format!("{path}.{name}"), schema, root, (&below(&recipe), &below(&paper)), found);
+        }
     }
+}
+
+/// The defaults that the schema of a table names.
+fn defaults(schema: &Value) -> Value {
+    let properties = schema.get("properties").and_then(Value::as_object).into_iter().flatten();
+    properties.filter_map(|(name, property)| Some((name.clone(), property.get("default")?.clone()))).collect()
 }
 
 fn type_of(schema: &Value, root: &Value) -> String {
@@ -137,8 +153,9 @@ fn type_of(schema: &Value, root: &Value) -> String {
     if let Some(values) = schema.get("enum").and_then(Value::as_array) {
         return values.iter().map(shown).collect::<Vec<_>>().join(" | ");
     }
-    if let Some(choices) = ["oneOf", "anyOf"].iter().find_map(|word| schema.get(word)?.as_array()) {
-        return choices.iter().map(|choice| type_of(choice, root)).collect::<Vec<_>>().join(" | ");
+    if let Some(choices) = Choices::of(schema, root) {
+        let others = choices.others.iter().map(|schema| type_of(schema, root));
+        return choices.names().map(str::to_owned).chain(others).collect::<Vec<_>>().join(" | ");
     }
     match schema.get("type") {
         Some(Value::String(word)) => word_of(word, schema, root),

@@ -2,7 +2,7 @@
 
 use super::{
     curves,
-    params::{Params, Slopes},
+    params::{Params, Refit, Slopes},
     state::Training,
     terms::OwnedRegularizer,
 };
@@ -43,7 +43,8 @@ impl Schedule {
     /// The passes of attempt number `attempt`, counted from 0. An attempt with a model of the round before needs no
     /// warm-up. Where a new model replaces such an attempt, warm-up and ramp come on top of `epochs`.
     fn of(setup: &Setup<'_>, attempt: u64) -> Self {
-        let &Params { epochs, warm_up_epochs, ramp_epochs, .. } = setup.params;
+        let Params { epochs, warm_up, ramp, .. } = setup.params;
+        let (epochs, warm_up_epochs, ramp_epochs) = (*epochs, warm_up.epochs, ramp.epochs);
         match (setup.has_warm_start, attempt) {
             (true, 0) => Self { epochs, warm_up_epochs: 0, ramp_epochs: 0 },
             (true, _) => Self { epochs: warm_up_epochs + ramp_epochs + epochs, warm_up_epochs, ramp_epochs },
@@ -72,10 +73,9 @@ impl Setup<'_> {
             cx.tick(state.all_epochs, earlier_epochs + schedule.epochs, &note, state)?;
         }
         let mut trained = state.trained();
-        if self.params.refit_steps > 0 && self.params.slopes == Slopes::Exact {
+        if let Slopes::Exact(Refit { refit_steps: steps @ 1.. }) = self.params.slopes {
             let codes = trained.model.encode(&data.images);
-            let rng = &mut cx.rng(("refit", state.attempt));
-            let (steps, learning_rate) = (self.params.refit_steps, self.params.warm_up_learning_rate);
+            let (rng, learning_rate) = (&mut cx.rng(("refit", state.attempt)), self.params.warm_up.learning_rate);
             refit(&mut trained.model, &codes, &data.actions, steps, learning_rate, rng);
         }
         Ok(trained)
@@ -85,10 +85,10 @@ impl Setup<'_> {
     fn train_epoch(&self, schedule: &Schedule, data: &Data, state: &mut Training, cx: &mut StageCx<'_>) -> f64 {
         let params = self.params;
         let is_warm_up = state.epoch < schedule.warm_up_epochs;
-        let learning_rate = if is_warm_up { params.warm_up_learning_rate } else { params.learning_rate };
+        let learning_rate = if is_warm_up { params.warm_up.learning_rate } else { params.learning_rate };
         state.trainer.set_optimizer(AdamSettings { learning_rate, weight_decay: params.weight_decay });
         state.trainer.set_dropout(if state.trainer.model.sizes.patches().is_some() {
-            params.input_dropout
+            params.networks.dropout()
         } else {
             0.0
         });
@@ -100,8 +100,8 @@ impl Setup<'_> {
             let at = state.now(cx.round);
             let threads = cx.threads.get();
             if is_warm_up {
-                let decodes = state.epoch >= params.anchor_epochs;
-                let terms = state.trainer.warm_up_step(threads, data, which, &params.warm_up, decodes, &mut rng);
+                let decodes = state.epoch >= params.warm_up.anchor_epochs;
+                let terms = state.trainer.warm_up_step(threads, data, which, &params.warm_up.loss, decodes, &mut rng);
                 curves::warm_up(cx, at, &terms);
                 loss = terms.prediction;
             } else {

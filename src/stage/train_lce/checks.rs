@@ -1,6 +1,6 @@
 //! The ranges of the parameters of `train_lce`.
 
-use super::params::{Lambda, Networks, Params, UNBOUNDED};
+use super::params::{Lambda, LossName, Networks, Params, UNBOUNDED, WarmUpSchedule};
 use crate::{
     control::guidance::Guidance,
     lce::warm_up::WarmUp,
@@ -11,34 +11,34 @@ use crate::{
 pub(super) fn out_of_range(params: &Params) -> Vec<Refusal> {
     let mut refusals = at_least_one("epochs", params.epochs);
     refusals.extend(at_least_one("map_every", params.map_every));
-    within(&mut refusals, "ramp_from", params.ramp_from, 0.0, 1.0);
-    networks(params, &mut refusals);
+    within(&mut refusals, "ramp.from", params.ramp.from, 0.0, 1.0);
+    if let Networks::PooledPatches(patches) = params.networks {
+        within(&mut refusals, "networks.pooled_patches.side", patches.side as f64, 1.0, 15.0);
+        within(&mut refusals, "networks.pooled_patches.dropout", patches.dropout, 0.0, 0.9);
+    }
     lambda(&params.lambda, &mut refusals);
     within(&mut refusals, "weight_decay", params.weight_decay, 0.0, 1e6);
-    within(&mut refusals, "warm_up.anchor", params.warm_up.anchor, 0.0, 1e6);
-    within(&mut refusals, "warm_up.shrink", params.warm_up.shrink, 0.0, 1e6);
-    let WarmUp { sigma, scale, huber_delta, .. } = params.warm_up;
-    for (path, value) in [
-        ("learning_rate", params.learning_rate),
-        ("warm_up_learning_rate", params.warm_up_learning_rate),
-        ("curvature_sigma", params.curvature_sigma),
-        ("warm_up.sigma", sigma),
-        ("warm_up.scale", scale),
-        ("warm_up.outlier", huber_delta),
-    ] {
-        above_zero(&mut refusals, path, value);
+    above_zero(&mut refusals, "learning_rate", params.learning_rate);
+    above_zero(&mut refusals, "curvature_sigma", params.curvature_sigma);
+    warm_up(&params.warm_up, &mut refusals);
+    if let LossName::ValueGuided(settings) = &params.objective {
+        guidance(settings, &mut refusals);
     }
-    guidance(&params.guidance, &mut refusals);
     refusals
 }
 
-fn networks(params: &Params, refusals: &mut Vec<Refusal>) {
-    within(refusals, "square", params.square as f64, 1.0, 15.0);
-    within(refusals, "input_dropout", params.input_dropout, 0.0, 0.9);
-    if params.networks != Networks::PooledPatches && params.input_dropout > 0.0 {
-        let why = "must be 0 without `networks = \"squares\"`".to_owned();
-        refusals.push(Refusal { path: "input_dropout", why });
+fn warm_up(warm_up: &WarmUpSchedule, refusals: &mut Vec<Refusal>) {
+    let &WarmUpSchedule { learning_rate, loss: WarmUp { sigma, scale, anchor, huber_delta, shrink }, .. } = warm_up;
+    for (path, value) in [
+        ("warm_up.learning_rate", learning_rate),
+        ("warm_up.loss.sigma", sigma),
+        ("warm_up.loss.scale", scale),
+        ("warm_up.loss.huber_delta", huber_delta),
+    ] {
+        above_zero(refusals, path, value);
     }
+    within(refusals, "warm_up.loss.anchor", anchor, 0.0, 1e6);
+    within(refusals, "warm_up.loss.shrink", shrink, 0.0, 1e6);
 }
 
 fn lambda(lambda: &Lambda, refusals: &mut Vec<Refusal>) {
@@ -60,8 +60,8 @@ fn lambda(lambda: &Lambda, refusals: &mut Vec<Refusal>) {
 
 fn guidance(guidance: &Guidance, refusals: &mut Vec<Refusal>) {
     let &Guidance { temperature, discount, samples, bound, .. } = guidance;
-    within(refusals, "guidance.temperature", temperature, 0.0, 1e6);
-    within(refusals, "guidance.discount", discount, 0.01, 1.0);
-    within(refusals, "guidance.samples", samples as f64, 1.0, 1e4);
-    within(refusals, "guidance.bound", bound, 0.0, UNBOUNDED);
+    within(refusals, "objective.value_guided.temperature", temperature, 0.0, 1e6);
+    within(refusals, "objective.value_guided.discount", discount, 0.01, 1.0);
+    within(refusals, "objective.value_guided.samples", samples as f64, 1.0, 1e4);
+    within(refusals, "objective.value_guided.bound", bound, 0.0, UNBOUNDED);
 }

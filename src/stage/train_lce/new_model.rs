@@ -16,11 +16,12 @@ pub(super) fn random_model(
     rng: &mut Rng,
 ) -> anyhow::Result<TrainedModel> {
     sizes.jacobian_heads = params.slopes == Slopes::Amortized;
-    if params.networks == Networks::PooledPatches {
-        let ((rows, columns), side) = (transitions.picture, params.square as usize);
+    if let Networks::PooledPatches(patches) = params.networks {
+        let ((rows, columns), side) = (transitions.picture, patches.side as usize);
         anyhow::ensure!(
             rows % side == 0 && columns % side == 0,
-            "pictures of {rows} x {columns} pixels cannot be cut into squares of {side}: change `square`"
+            "pictures of {rows} x {columns} pixels cannot be cut into patches of {side} x {side}: change \
+             `networks.pooled_patches.side`"
         );
         let images = ImageNetworks::Patches(PooledPatches { columns, side });
         let (hidden, backward) = ([128; 2], BackwardSizes { z: 10, u: 10, x: 50, joint: 100 });

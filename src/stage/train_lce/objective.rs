@@ -16,8 +16,8 @@ impl Params {
         guidance: Option<&'a [f32]>,
     ) -> Objective<'a, f32> {
         let done = if ramp == 0 { 1.0 } else { (step as f64 / ramp as f64).min(1.0) };
-        let share = self.ramp_from + (1.0 - self.ramp_from) * done;
-        let lambda = &self.lambda;
+        let share = self.ramp.from + (1.0 - self.ramp.from) * done;
+        let (lambda, warm_up) = (&self.lambda, &self.warm_up.loss);
         Objective {
             weights: Weights {
                 reconstruction: lambda.prediction,
@@ -27,10 +27,10 @@ impl Params {
                 prior: lambda.prior,
                 deterministic: lambda.deterministic,
                 regularizer: if regularizer.is_some() { lambda.regularizer } else { 0.0 },
-                anchor: lambda.anchor * 0.5 / (self.warm_up.sigma * self.warm_up.sigma),
+                anchor: lambda.anchor * 0.5 / (warm_up.sigma * warm_up.sigma),
             },
             curvature_sigma: self.curvature_sigma,
-            anchor_scale: self.warm_up.scale,
+            anchor_scale: warm_up.scale,
             guidance,
             regularizer,
         }

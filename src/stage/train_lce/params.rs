@@ -9,13 +9,13 @@ use crate::{
 };
 
 /// The loss that a model is trained with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::stage) enum LossName {
     /// The loss of CARL.
     Carl,
     /// The loss of CARL, with L_p and L_c weighted by the TD errors of the agent `value`.
-    ValueGuided,
+    ValueGuided(Guidance),
     /// The loss of PCC. Its VAE term has a prior on the codes.
     Pcc,
 }
@@ -25,20 +25,89 @@ pub(in crate::stage) enum LossName {
 #[serde(rename_all = "snake_case")]
 pub(in crate::stage) enum Slopes {
     /// By differentiating F.
-    Exact,
-    /// From heads of F that L_cur trains: PCC's amortized version.
+    Exact(Refit),
+    /// From heads of F that L_cur trains: PCC's amortized version. The heads read F, so F is not fitted once more.
     Amortized,
 }
 
+/// How F is fitted once more to the codes of the trained encoder.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(in crate::stage) struct Refit {
+    /// Steps at the end that fit F alone to the final codes, with the step size of the warm-up.
+    pub(super) refit_steps: u64,
+}
+
 /// The encoder and decoder of a new model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::stage) enum Networks {
     /// The networks of the paper, convolutional for its larger images.
     Paper,
-    /// Fully connected with two hidden layers of 128. They read the share of lit pixels in each square of pixels.
-    #[serde(rename = "squares")]
-    PooledPatches,
+    /// Fully connected with two hidden layers of 128. They read the share of lit pixels in each patch of the image.
+    PooledPatches(Patches),
+}
+
+/// How images are cut into patches.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(in crate::stage) struct Patches {
+    /// Rows and columns of a patch, in pixels.
+    pub(super) side: u64,
+    /// Share of the patches that each training step hides from the networks.
+    pub(super) dropout: f64,
+}
+
+impl Default for Patches {
+    fn default() -> Self {
+        Self { side: 8, dropout: 0.0 }
+    }
+}
+
+impl Networks {
+    /// Share of the inputs that each training step hides.
+    pub(super) fn dropout(self) -> f64 {
+        match self {
+            Self::Paper => 0.0,
+            Self::PooledPatches(patches) => patches.dropout,
+        }
+    }
+}
+
+/// The warm-up, which a new model begins with.
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(in crate::stage) struct WarmUpSchedule {
+    /// Of `epochs`, passes with the anchored warm-up at the beginning. A model from `warm_start` has none.
+    pub(super) epochs: u64,
+    /// Of the warm-up, passes at its beginning that train the geometry alone and decode no images.
+    pub(super) anchor_epochs: u64,
+    /// Adam step size of the warm-up.
+    pub(super) learning_rate: f64,
+    /// Constants of the warm-up's loss.
+    pub(super) loss: WarmUp,
+}
+
+impl Default for WarmUpSchedule {
+    fn default() -> Self {
+        Self { epochs: 150, anchor_epochs: 50, learning_rate: 2e-3, loss: WarmUp::default() }
+    }
+}
+
+/// The ramp, in which the weight of consistency grows to its full value.
+#[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(in crate::stage) struct Ramp {
+    /// Of `epochs`, passes of the ramp, after the warm-up. A model from `warm_start` has none.
+    pub(super) epochs: u64,
+    /// Share of the consistency weight at the beginning of the ramp.
+    pub(super) from: f64,
+}
+
+impl Default for Ramp {
+    fn default() -> Self {
+        Self { epochs: 50, from: 0.02 }
+    }
 }
 
 /// Weights of the terms of the loss.
@@ -70,42 +139,25 @@ pub(in crate::stage) struct Params {
     pub(super) objective: LossName,
     /// The encoder and decoder of a new model. A model from `warm_start` keeps its own.
     pub(super) networks: Networks,
-    /// Rows and columns of a square of pixels; used by the networks `squares`.
-    pub(super) square: u64,
-    /// Share of the squares that each training step hides from the networks; needs the networks `squares`.
-    pub(super) input_dropout: f64,
     /// Passes over the transitions, warm-up and ramp included.
     pub(super) epochs: u64,
-    /// Of these, passes with the anchored warm-up. A model from `warm_start` has none.
-    pub(super) warm_up_epochs: u64,
-    /// Of the warm-up, passes at its beginning that train the geometry alone and decode no images.
-    pub(super) anchor_epochs: u64,
-    /// Of `epochs`, passes after the warm-up in which the weight of consistency grows from `ramp_from` to its full
-    /// value. A model from `warm_start` has none.
-    pub(super) ramp_epochs: u64,
-    /// Share of the consistency weight at the beginning of the ramp.
-    pub(super) ramp_from: f64,
-    /// Constants of the warm-up.
-    pub(super) warm_up: WarmUp,
+    /// The warm-up of a new model.
+    pub(super) warm_up: WarmUpSchedule,
+    /// The ramp after the warm-up.
+    pub(super) ramp: Ramp,
     /// The passive dynamics of the codes that the anchor assumes.
-    pub(super) drift: PassiveDynamics,
+    pub(super) passive_dynamics: PassiveDynamics,
     /// Weights of the terms of the loss.
     pub(super) lambda: Lambda,
-    /// Weights of the transitions in `value_guided`.
-    pub(super) guidance: Guidance,
     /// Standard deviation of the noise in L_cur.
     pub(super) curvature_sigma: f64,
     /// How L_cur gets the slopes of F.
     pub(super) slopes: Slopes,
-    /// Steps at the end that fit F alone to the final codes; unused with amortized slopes, whose heads read F.
-    pub(super) refit_steps: u64,
     /// Maximum number of retrainings from new weights when a map check fails; the best map is kept. Where a retraining
     /// replaces a model from `warm_start`, its warm-up and ramp come on top of `epochs`.
     pub(super) restarts: u64,
     /// Adam step size; the default is the paper's.
     pub(super) learning_rate: f64,
-    /// Adam step size of the warm-up.
-    pub(super) warm_up_learning_rate: f64,
     /// L2 coefficient.
     pub(super) weight_decay: f64,
     /// Passes between two recorded latent maps.
@@ -135,23 +187,15 @@ impl Default for Params {
         Self {
             objective: LossName::Carl,
             networks: Networks::Paper,
-            square: 8,
-            input_dropout: 0.0,
             epochs: 15,
-            warm_up_epochs: 150,
-            anchor_epochs: 50,
-            ramp_epochs: 50,
-            ramp_from: 0.02,
-            warm_up: WarmUp::default(),
-            drift: PassiveDynamics::None,
+            warm_up: WarmUpSchedule::default(),
+            ramp: Ramp::default(),
+            passive_dynamics: PassiveDynamics::None,
             lambda: Lambda::default(),
-            guidance: Guidance::default(),
             curvature_sigma: 0.1,
-            slopes: Slopes::Exact,
-            refit_steps: 0,
+            slopes: Slopes::Exact(Refit::default()),
             restarts: 2,
             learning_rate: 5e-4,
-            warm_up_learning_rate: 2e-3,
             weight_decay: 1e-3,
             map_every: 10,
         }

@@ -51,7 +51,9 @@ pub(super) fn value_guided(
     cx: &mut StageCx<'_>,
 ) -> anyhow::Result<Option<Vec<f32>>> {
     let Some(agent) = &inputs.value else { return Ok(None) };
-    anyhow::ensure!(params.objective == LossName::ValueGuided, "the input `value` goes with `value_guided` alone");
+    let LossName::ValueGuided(guidance) = &params.objective else {
+        anyhow::bail!("the input `value` goes with `objective = \"value_guided\"` alone")
+    };
     let Some(old) = &inputs.warm_start else {
         anyhow::bail!("the input `value` needs `warm_start`, where its codes are")
     };
@@ -60,8 +62,8 @@ pub(super) fn value_guided(
     let (now, next) = (encode(&transitions.observations), encode(&transitions.next_observations));
     let goals = goal_codes(model, transitions);
     let latent = LatentTransitions { now: &now, next: &next, actions: &transitions.actions, goals: &goals };
-    let errors = params.guidance.td_errors(agent, &latent, &mut cx.rng("guidance"));
-    let weights = params.guidance.weights(&errors);
+    let errors = guidance.td_errors(agent, &latent, &mut cx.rng("guidance"));
+    let weights = guidance.weights(&errors);
     record_guidance(cx, &errors, &weights);
     Ok(Some(weights))
 }
@@ -84,7 +86,7 @@ fn record_guidance(cx: &mut StageCx<'_>, errors: &[f32], weights: &[f32]) {
     cx.metric("largest_weight", spread.largest);
     if spread.effective_share < FEW {
         let sentence = format!(
-            "value-guided weights are worth {effective:.0} of {} transitions; a lower `guidance.temperature` spreads them",
+            "value-guided weights are worth {effective:.0} of {} transitions; a lower `objective.value_guided.temperature` spreads them",
             weights.len()
         );
         cx.log(at, Level::Warning, &sentence);

@@ -108,7 +108,7 @@ fn threads_change_no_bit_of_the_agent() {
 fn threads_and_repetition_change_no_byte_of_any_artifact() {
     let bootstrap = stages::run("generate_data", json!({ "samples": 96 }), &[]);
     assert_eq!(bootstrap, stages::run("generate_data", json!({ "samples": 96 }), &[]));
-    let few = json!({ "epochs": 2, "warm_up_epochs": 1, "ramp_epochs": 1 });
+    let few = json!({ "epochs": 2, "warm_up": { "epochs": 1 }, "ramp": { "epochs": 1 } });
     let [model, again] = [1, 3].map(|threads| {
         let inputs: &stages::Inputs<'_> = &[("transitions", &[&bootstrap])];
         stages::run_as("train_lce", few.clone(), inputs, stages::stream("train_lce"), threads)

@@ -147,9 +147,9 @@ fn biased_samples_are_those_of_the_paper() {
     ];
     let mut rng = Rng::seed_from_u64(0);
     for (name, share, preferred, else_where) in rows {
-        let (task, given) = (read(&json!({ "env": name })), serde_json::Map::new());
-        let defaults = task.defaults("generate_data", Preset::Recipe, &given);
-        assert_eq!(defaults["biased_share"], share, "{name}");
+        let (task, given) = (read(&json!({ "env": name })), json!({ "region": "biased" }));
+        let defaults = task.defaults("generate_data", Preset::Recipe, given.as_object().expect("a table"));
+        assert_eq!(defaults["region"]["biased"]["preferred_share"], share, "{name}");
         let env = task.system().expect("equations");
         let mut sample = |is_preferred: bool| {
             (0..400).map(|_| env.sample_biased(is_preferred, &mut rng).expect("a state")).collect::<Vec<_>>()

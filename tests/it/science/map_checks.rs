@@ -60,7 +60,7 @@ fn data() -> Files {
 
 /// Two epochs: a map that is good for nothing.
 fn hardly_trained(restarts: u64) -> Value {
-    json!({ "epochs": 2, "warm_up_epochs": 1, "anchor_epochs": 0, "ramp_epochs": 1, "restarts": restarts })
+    json!({ "epochs": 2, "warm_up": { "epochs": 1, "anchor_epochs": 0 }, "ramp": { "epochs": 1 }, "restarts": restarts })
 }
 
 #[test]
@@ -85,7 +85,7 @@ fn a_collapsed_map_of_the_round_before_is_given_up() {
     let data = data();
     let (bad, _) = train(hardly_trained(0), &[("transitions", &[&data])], 2);
     let inputs: &stages::Inputs<'_> = &[("transitions", &[&data]), ("warm_start", &[&bad])];
-    let warm_up = json!({ "epochs": 1, "warm_up_epochs": 120, "anchor_epochs": 50, "ramp_epochs": 0 });
+    let warm_up = json!({ "epochs": 1, "warm_up": { "epochs": 120, "anchor_epochs": 50 }, "ramp": { "epochs": 0 } });
     let given = |restarts: u64| {
         let mut given = warm_up.clone();
         given["restarts"] = json!(restarts);

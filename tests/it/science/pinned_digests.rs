@@ -9,15 +9,15 @@ use carl_pipe::stage;
 /// (artifact of the tiny chain, its kind, the kind's version, the digest's first 16 digits). On failure raise the
 /// versions that the message names and paste its lines.
 const PINNED: &[(&str, &str, u32, &str)] = &[
-    ("bootstrap", "generate_data", 1, "6226fbac14da9ea5"),
-    ("model", "train_lce", 2, "9320fa6ddb00e128"),
-    ("agent", "train_sac", 1, "e07b5d8bdf457106"),
+    ("bootstrap", "generate_data", 2, "6226fbac14da9ea5"),
+    ("model", "train_lce", 3, "9320fa6ddb00e128"),
+    ("agent", "train_sac", 2, "e07b5d8bdf457106"),
     ("collected", "collect", 1, "9f1103bca6c57d85"),
-    ("next_model", "train_lce", 2, "10d55ab89ef00595"),
-    ("guided_model", "train_lce", 2, "fbb7d66ccd2309bc"),
-    ("amortized_model", "train_lce", 2, "58f0c982bc614b11"),
+    ("next_model", "train_lce", 3, "10d55ab89ef00595"),
+    ("guided_model", "train_lce", 3, "fbb7d66ccd2309bc"),
+    ("amortized_model", "train_lce", 3, "58f0c982bc614b11"),
     ("distilled", "distill_policy", 1, "9c2dd8093a7145fc"),
-    ("next_agent", "train_sac", 1, "0475572a0c9ea4c8"),
+    ("next_agent", "train_sac", 2, "0475572a0c9ea4c8"),
     ("evaluation", "evaluate", 1, "f6ce16218a838441"),
     ("ilqr", "control_ilqr", 1, "f7be276c8550b30f"),
     ("planned", "evaluate", 1, "a13a6c3e6a9009cb"),

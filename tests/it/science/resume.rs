@@ -77,14 +77,15 @@ fn data() -> Files {
 #[test]
 fn the_representation_resumes_in_every_phase() {
     let data = data();
-    let given = json!({ "epochs": 4, "warm_up_epochs": 2, "anchor_epochs": 1, "ramp_epochs": 1, "refit_steps": 5 });
+    let given = json!({ "epochs": 4, "warm_up": { "epochs": 2, "anchor_epochs": 1 }, "ramp": { "epochs": 1 }, "slopes": { "exact": { "refit_steps": 5 } } });
     assert_eq!(resumes_at_every_tick("train_lce", &given, &[("transitions", &[&data])]), 4);
 }
 
 #[test]
 fn the_representation_resumes_while_it_retrains() {
     let data = data();
-    let given = json!({ "epochs": 2, "warm_up_epochs": 1, "anchor_epochs": 0, "ramp_epochs": 1, "restarts": 2 });
+    let given =
+        json!({ "epochs": 2, "warm_up": { "epochs": 1, "anchor_epochs": 0 }, "ramp": { "epochs": 1 }, "restarts": 2 });
     let ticks = resumes_at_every_tick("train_lce", &given, &[("transitions", &[&data])]);
     assert_eq!(ticks, 3 * 2, "three attempts");
 }
@@ -92,11 +93,11 @@ fn the_representation_resumes_while_it_retrains() {
 #[test]
 fn agent_and_distillation_resume() {
     let data = data();
-    let few = json!({ "epochs": 2, "warm_up_epochs": 1, "ramp_epochs": 1 });
+    let few = json!({ "epochs": 2, "warm_up": { "epochs": 1 }, "ramp": { "epochs": 1 } });
     let model = stages::run("train_lce", few, &[("transitions", &[&data])]);
     let inputs: &Inputs<'_> = &[("transitions", &[&data]), ("model", &[&model])];
     // The buffer overflows before the first tick but one.
-    let given = json!({ "steps": 30, "buffer": 1000, "last_pace": 0.5 });
+    let given = json!({ "steps": 30, "buffer": 1000, "learning_rate_end_factor": 0.5 });
     assert_eq!(resumes_at_every_tick("train_sac", &given, inputs), 3);
     let agent = stages::run("train_sac", given, inputs);
     let inputs: &Inputs<'_> =
@@ -110,7 +111,7 @@ fn agent_and_distillation_resume() {
 #[test]
 fn an_unreadable_state_is_reported_and_the_stage_starts_afresh() {
     let data = data();
-    let given = json!({ "epochs": 1, "warm_up_epochs": 1 });
+    let given = json!({ "epochs": 1, "warm_up": { "epochs": 1 } });
     let inputs: &Inputs<'_> = &[("transitions", &[&data])];
     let foreign = Files::from([("training.json".to_owned(), b"{}".to_vec())]);
     let host = StopAt { resumed: Some(foreign), ..StopAt::default() };

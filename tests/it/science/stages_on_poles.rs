@@ -65,11 +65,11 @@ fn biased_sampling_shows_another_part_of_the_world() {
     };
     let sampled = |given: Value| corner(&data("planar", given));
     assert!(sampled(json!({ "samples": 600 })) > 5);
-    assert_eq!(sampled(json!({ "samples": 600, "region": "biased", "biased_share": 1.0 })), 0);
+    assert_eq!(sampled(json!({ "samples": 600, "region": { "biased": { "preferred_share": 1.0 } } })), 0);
     // The preset takes each task's share from the paper.
     assert_ne!(
         data("swing_up", json!({ "samples": 20 })),
-        data("swing_up", json!({ "samples": 20, "region": "biased" }))
+        data("swing_up", json!({ "samples": 20, "region": { "biased": {} } }))
     );
 }
 
@@ -91,7 +91,7 @@ fn a_pendulum_is_learned_collected_and_measured() {
 /// A model and an agent, trained for a moment.
 fn learned(env: &str) -> [Files; 2] {
     let bootstrap = run(env, "generate_data", json!({ "samples": 16 }), &[]);
-    let few = json!({ "epochs": 2, "warm_up_epochs": 1, "anchor_epochs": 0, "ramp_epochs": 1 });
+    let few = json!({ "epochs": 2, "warm_up": { "epochs": 1, "anchor_epochs": 0 }, "ramp": { "epochs": 1 } });
     let model = run(env, "train_lce", few, &[("transitions", &[&bootstrap])]);
     let learn: &stages::Inputs<'_> = &[("transitions", &[&bootstrap]), ("model", &[&model])];
     let agent = run(env, "train_sac", json!({ "steps": 2 }), learn);
@@ -153,22 +153,22 @@ fn a_drift_goes_along_with_a_warm_start() {
         let drift = (name == "drift").then(|| trained.model.arena[layer.at..layer.at + layer.len()].to_vec());
         (files, drift)
     };
-    let few = json!({ "epochs": 2, "warm_up_epochs": 1, "anchor_epochs": 0, "ramp_epochs": 1 });
+    let few = json!({ "epochs": 2, "warm_up": { "epochs": 1, "anchor_epochs": 0 }, "ramp": { "epochs": 1 } });
     let (first, drift) = train(few, &[]);
     let drift = drift.expect("the preset has a drift");
     assert!(drift.iter().all(|&w| w != 0.0), "it was learned");
     let slow = json!({ "epochs": 1, "learning_rate": 1e-9 });
     assert!(train(slow, &[&first]).1.expect("a drift").iter().zip(&drift).all(|(new, old)| (new - old).abs() < 1e-6));
-    let (without, dropped) = train(json!({ "epochs": 1, "drift": "none" }), &[&first]);
+    let (without, dropped) = train(json!({ "epochs": 1, "passive_dynamics": "none" }), &[&first]);
     assert!(dropped.is_none());
     assert!(train(json!({ "epochs": 1 }), &[&without]).1.is_some());
 }
 
 #[test]
 fn a_file_may_give_a_part_of_the_warm_up() {
-    let given = json!({ "warm_up": { "scale": 3 } });
+    let given = json!({ "warm_up": { "loss": { "scale": 3 } } });
     let params = (stage::kind("train_lce").expect("a kind").canonical)(&given).expect("the preset gives the rest");
-    assert_eq!(params["warm_up"]["scale"], 3.0);
+    assert_eq!(params["warm_up"]["loss"]["scale"], 3.0);
 }
 
 #[test]
@@ -215,7 +215,7 @@ fn the_costs_of_ilqr_are_those_of_the_task_and_the_preset() {
 fn convolutional_tasks_are_learned_and_collected() {
     for env in ["cart_pole", "three_pole"] {
         let bootstrap = run(env, "generate_data", json!({ "samples": 4 }), &[]);
-        let few = json!({ "epochs": 3, "warm_up_epochs": 2, "anchor_epochs": 1, "ramp_epochs": 1 });
+        let few = json!({ "epochs": 3, "warm_up": { "epochs": 2, "anchor_epochs": 1 }, "ramp": { "epochs": 1 } });
         let model = run(env, "train_lce", few, &[("transitions", &[&bootstrap])]);
         let learn: &stages::Inputs<'_> = &[("transitions", &[&bootstrap]), ("model", &[&model])];
         let agent = run(env, "train_sac", json!({ "steps": 2 }), learn);

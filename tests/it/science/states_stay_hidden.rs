@@ -109,7 +109,7 @@ fn transitions(env: &dyn System, samples: usize) -> (Transitions, Vec<f64>) {
 
 /// A model and an agent, trained for a moment.
 fn train(transitions: &Files) -> (Files, Files) {
-    let few = json!({ "epochs": 2, "warm_up_epochs": 1, "ramp_epochs": 1 });
+    let few = json!({ "epochs": 2, "warm_up": { "epochs": 1 }, "ramp": { "epochs": 1 } });
     let model = stages::run("train_lce", few, &[("transitions", &[transitions])]);
     let agent =
         stages::run("train_sac", json!({ "steps": 2 }), &[("transitions", &[transitions]), ("model", &[&model])]);

@@ -132,7 +132,7 @@ pub struct Chain {
 impl Chain {
     pub fn run() -> Self {
         let bootstrap = run("generate_data", json!({ "samples": 64 }), &[]);
-        let few = json!({ "epochs": 3, "warm_up_epochs": 1, "ramp_epochs": 1, "map_every": 100 });
+        let few = json!({ "epochs": 3, "warm_up": { "epochs": 1 }, "ramp": { "epochs": 1 }, "map_every": 100 });
         let model = run("train_lce", few, &[("transitions", &[&bootstrap])]);
         let agent = run("train_sac", json!({ "steps": 3 }), &[("transitions", &[&bootstrap]), ("model", &[&model])]);
         let collected = run("collect", json!({ "samples": 8 }), &[("model", &[&model]), ("agent", &[&agent])]);
@@ -140,17 +140,17 @@ impl Chain {
         let pcc = json!({ "objective": "pcc", "epochs": 1, "lambda": { "regularizer": 0.1 } });
         let next_model =
             run("train_lce", pcc, &[("transitions", all), ("warm_start", &[&model]), ("policy", &[&agent])]);
-        let guided = json!({ "objective": "value_guided", "epochs": 1, "guidance": { "temperature": 1.0 } });
+        let guided = json!({ "objective": { "value_guided": { "temperature": 1.0 } }, "epochs": 1 });
         let guided_model =
             run("train_lce", guided, &[("transitions", all), ("warm_start", &[&model]), ("value", &[&agent])]);
-        let amortized = json!({ "objective": "pcc", "slopes": "amortized", "epochs": 2, "warm_up_epochs": 1,
-                                "ramp_epochs": 1 });
+        let amortized = json!({ "objective": "pcc", "slopes": "amortized", "epochs": 2, "warm_up": { "epochs": 1 },
+                                "ramp": { "epochs": 1 } });
         let amortized_model = run("train_lce", amortized, &[("transitions", &[&bootstrap])]);
         let carry: &Inputs<'_> =
             &[("transitions", all), ("model", &[&next_model]), ("old_model", &[&model]), ("old_agent", &[&agent])];
         let distilled = run("distill_policy", json!({ "steps": 3, "batch": 32 }), carry);
         let other = json!({ "steps": 2, "bootstrap": true, "reward": "quadratic", "temperature": "decayed",
-                            "critic_actions": "data", "acting_rate": 1.0, "relabel": 0.0, "rollout": 2 });
+                            "critic_actions": "data", "policy_ema_rate": 1.0, "relabel": 0.0, "rollout": 2 });
         let next_agent =
             run("train_sac", other, &[("transitions", all), ("model", &[&next_model]), ("start", &[&distilled])]);
         let evaluation =

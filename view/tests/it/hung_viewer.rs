@@ -33,9 +33,9 @@ samples = 64
 kind = "train_lce"
 inputs = { transitions = "bootstrap" }
 epochs = 4
-warm_up_epochs = 2
-anchor_epochs = 1
-ramp_epochs = 1
+warm_up.epochs = 2
+warm_up.anchor_epochs = 1
+ramp.epochs = 1
 "#;
 
 const CARL_VIEW: &str = env!("CARGO_BIN_EXE_carl-view");
