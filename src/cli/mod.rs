@@ -1,5 +1,6 @@
 //! The command line: one file for each verb, one shape for all errors, documented exit codes.
 
+mod bug;
 mod compare;
 mod dag;
 mod exit;
@@ -21,7 +22,7 @@ mod view;
 mod view_program;
 mod why;
 
-use std::{ffi::OsString, path::PathBuf};
+use std::{ffi::OsString, panic::catch_unwind, path::PathBuf};
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
@@ -32,6 +33,7 @@ pub use self::{
     view_program::VERSION,
 };
 use crate::{
+    diag::visible,
     run::{manifest::Manifest, runs},
     stage::Kind,
     store::LocalStore,
@@ -137,14 +139,21 @@ enum Verb {
 
 /// Runs the program with these arguments and these kinds of stages. Returns its exit code.
 pub fn main(argv: &[OsString], kinds: &'static [Kind]) -> u8 {
-    exit_of(argv, kinds) as u8
+    bug::report_in_one_line();
+    let exit = catch_unwind(|| exit_of(argv, kinds)).unwrap_or(Exit::Store);
+    let Some(why) = out::lost() else { return exit as u8 };
+    report(&Error::new(Exit::Store, format!("cannot write to standard output: {why}")));
+    match exit {
+        Exit::Ok | Exit::Stale => Exit::Store as u8,
+        failure => failure as u8,
+    }
 }
 
 fn exit_of(argv: &[OsString], kinds: &'static [Kind]) -> Exit {
     let cli = match Cli::try_parse_from(argv) {
         Ok(cli) => cli,
         Err(error) => {
-            let _ = error.print();
+            out::of_clap(&error);
             return if error.use_stderr() { Exit::Usage } else { Exit::Ok };
         }
     };
@@ -178,7 +187,7 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
         Verb::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Cli::command(), "carl-pipe", &mut script);
-            out::print(&String::from_utf8_lossy(&script));
+            out::script(&String::from_utf8_lossy(&script));
             Ok(Exit::Ok)
         }
     }
@@ -196,10 +205,10 @@ fn same_bits_everywhere() -> Result<(), Error> {
 /// Writes an error to standard error, then the next step for the user.
 fn report(error: &Error) {
     match &error.text {
-        Message::Clause(text) => out::note(&format!("{} {}", out::red("error:"), out::tidy(text))),
-        Message::Rendered(text) => out::note(text.trim_end()),
+        Message::Clause(text) => out::note(&format!("{} {}", out::red("error:"), visible(&out::tidy(text)))),
+        Message::Rendered(text) => out::note_coloured(text.trim_end()),
     }
     if let Some(help) = &error.help {
-        out::note(&format!("  = {} {help}", out::bold("help:")));
+        out::note(&format!("  = {} {}", out::bold("help:"), visible(help)));
     }
 }

@@ -144,7 +144,7 @@ impl Listener for Audience {
         if self.json
             && let Ok(line) = serde_json::to_string(event)
         {
-            out::line(&line);
+            out::json_text(&line);
         }
         self.progress.on_event(event);
         if let Some(warning) = self.view.as_ref().and_then(|view| view.on_event(event)) {

@@ -8,7 +8,7 @@ use super::{
     out,
 };
 use crate::{
-    diag::instead,
+    diag::{instead, visible},
     report::{
         outcomes::{Outcome, outcomes},
         series::pooled,
@@ -88,13 +88,21 @@ pub(crate) fn table(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit
     let grid = Grid::new(series, &args.rows, &args.cols)?;
     let about = About { metric: &metric, rows: &args.rows, cols: &args.cols };
     let rows = |is_long| if is_long { long(&grid, about, &store) } else { Ok(short(&grid, about)) };
-    out::print(&match args.format {
-        Format::Csv => csv(&grid, about, &store)?,
-        Format::Json => json(&grid, about, &store)?,
-        Format::Markdown => rows(args.long)?.markdown(),
-        Format::Text => text(rows(args.long)?),
-    });
+    match args.format {
+        Format::Csv => out::print(&csv(&grid, about, &store)?),
+        Format::Json => out::json_text(json(&grid, about, &store)?.trim_end()),
+        Format::Markdown => out::print(&one_line_cells(rows(args.long)?).markdown()),
+        Format::Text => out::print(&text(rows(args.long)?)),
+    }
     Ok(Exit::Ok)
+}
+
+/// The rows, with labels that cannot break a line of Markdown.
+fn one_line_cells(mut rows: Rows) -> Rows {
+    for cell in rows.header.iter_mut().chain(rows.body.iter_mut().flatten()) {
+        *cell = visible(cell).into_owned();
+    }
+    rows
 }
 
 /// Rows in columns, with a bold header.

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use super::{
     mistake::Diagnostic,
     sources::{Sources, line_and_column},
+    visible::visible,
 };
 
 /// All mistakes of one reading, with the texts that they stand in.
@@ -88,15 +89,6 @@ impl fmt::Display for Diagnostics {
 }
 
 impl std::error::Error for Diagnostics {}
-
-/// Writes control characters as escapes, so that user text can neither move the cursor nor colour the terminal.
-fn visible(text: &str) -> String {
-    let mut shown = String::with_capacity(text.len());
-    for c in text.chars() {
-        if c.is_control() { shown.extend(c.escape_default()) } else { shown.push(c) }
-    }
-    shown
-}
 
 #[cfg(test)]
 mod tests {

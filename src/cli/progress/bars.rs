@@ -12,6 +12,7 @@ use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, P
 use super::{Progress, message::Messages};
 use crate::{
     cli::{out, stop::Stop},
+    diag::visible,
     run::events::{Event, Listener},
 };
 
@@ -43,7 +44,7 @@ impl Bars {
 
     fn begin(&self, nodes: u64) {
         let whole = self.all.add(ProgressBar::new(nodes));
-        whole.set_style(style("{bar:24.cyan/dim} {pos}/{len} nodes  {elapsed} {wide_msg}"));
+        whole.set_style(style("{bar} {pos}/{len} nodes  {elapsed} {wide_msg}"));
         whole.enable_steady_tick(Duration::from_millis(250));
         self.state().whole = whole;
     }
@@ -52,7 +53,7 @@ impl Bars {
         let mut state = self.state();
         let bar = self.all.insert_before(&state.whole, ProgressBar::new(0));
         bar.set_style(style("  {prefix} {spinner} {elapsed} {wide_msg}"));
-        bar.set_prefix(node.to_owned());
+        bar.set_prefix(visible(node).into_owned());
         bar.enable_steady_tick(Duration::from_millis(250));
         state.running.insert(node.to_owned(), bar);
     }
@@ -62,10 +63,10 @@ impl Bars {
         if let Some(bar) = state.running.get(node) {
             if bar.length() != Some(total) {
                 bar.set_length(total);
-                bar.set_style(style("  {prefix} {bar:24.cyan/dim} {pos}/{len}  {rate}  {eta} left  {wide_msg}"));
+                bar.set_style(style("  {prefix} {bar} {pos}/{len}  {rate}  {eta} left  {wide_msg}"));
             }
             bar.set_position(done);
-            bar.set_message(note.to_owned());
+            bar.set_message(visible(note).into_owned());
         }
         if self.stop.is_asked() && !state.has_announced_stop {
             state.has_announced_stop = true;
@@ -74,8 +75,11 @@ impl Bars {
     }
 }
 
+/// A style by its template, in which `{bar}` is coloured where colours are wanted.
 fn style(template: &str) -> ProgressStyle {
-    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    let bar = if out::stderr_has_colours() { "{bar:24.cyan/dim}" } else { "{bar:24}" };
+    let style =
+        ProgressStyle::with_template(&template.replace("{bar}", bar)).unwrap_or_else(|_| ProgressStyle::default_bar());
     let rate = |state: &ProgressState, text: &mut dyn fmt::Write| {
         let _ = write!(text, "{}/s", out::number(state.per_sec()));
     };
@@ -86,7 +90,7 @@ impl Listener for Bars {
     fn on_event(&self, event: &Event) {
         let nodes = self.state().whole.length().unwrap_or_default() as usize;
         if let Some(text) = self.messages.of(event, self.messages.detail(nodes)) {
-            let _ = self.all.println(out::for_stderr(text));
+            let _ = self.all.println(out::for_stderr(&text));
         }
         match event {
             Event::RunStarted { nodes, .. } => self.begin(*nodes as u64),

@@ -34,12 +34,20 @@ impl How {
     pub(crate) fn resolve(self, json: bool, quiet: bool) -> Self {
         match self {
             Self::Auto if quiet => Self::None,
-            Self::Auto if std::io::stderr().is_terminal() => Self::Bar,
+            Self::Auto if draws_bars() => Self::Bar,
+            // Where bars cannot be drawn, warnings must still be seen.
+            Self::Bar if !draws_bars() => Self::Plain,
             Self::Auto if json => Self::None,
             Self::Auto => Self::Plain,
             how => how,
         }
     }
+}
+
+/// Whether standard error is a terminal that can move its cursor.
+fn draws_bars() -> bool {
+    let is_dumb = std::env::var_os("TERM").is_none_or(|term| term == "dumb");
+    std::io::stderr().is_terminal() && !is_dumb
 }
 
 /// A display of progress.

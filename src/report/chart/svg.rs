@@ -20,6 +20,8 @@ impl Picture {
 
     /// Words; `style` holds further attributes.
     pub(super) fn text(&mut self, [x, y]: [f64; 2], style: &str, words: &str) {
+        // XML has no control characters, not even escaped.
+        let words: String = words.chars().filter(|c| !c.is_control()).collect();
         let words = words.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
         let _ = writeln!(self.0, "<text x=\"{x:.1}\" y=\"{y:.1}\" {style}>{words}</text>");
     }
@@ -76,7 +78,7 @@ mod tests {
     #[test]
     fn words_cannot_break_a_picture() {
         let mut picture = Picture::new(1.0, 1.0);
-        picture.text([0.0, 0.0], "", "a<b & c>");
+        picture.text([0.0, 0.0], "", "a<b & c>\u{1b}");
         assert!(picture.end().contains(">a&lt;b &amp; c&gt;</text>"));
     }
 }

@@ -110,7 +110,6 @@ pub fn run(
     listener: &dyn Listener,
 ) -> anyhow::Result<Report> {
     let dir = RunDir::create(runs)?;
-    dir.point_latest()?;
     let events = Events::create(&dir.path, listener)?;
     let manifest = Manifest::begin(&dir.id, order.graph, &order.wanted, order.text, &order.argv);
     events.emit(&Event::RunStarted {

@@ -1,6 +1,7 @@
 //! The program as a user meets it.
 
 mod chaos;
+mod environment;
 mod plot;
 mod suite;
 mod verbs;

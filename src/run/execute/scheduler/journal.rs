@@ -34,11 +34,13 @@ pub(super) struct Journal<'a> {
     manifest: Manifest,
     /// When the manifest was last written; `None` until a node starts to work.
     written: Option<Instant>,
+    /// Whether `latest` was pointed to this run, or that was tried.
+    is_latest: bool,
 }
 
 impl<'a> Journal<'a> {
     pub(super) fn new(store: &'a dyn ResultStore, events: &'a Events<'a>, dir: &'a RunDir, manifest: Manifest) -> Self {
-        Self { store, events, dir, manifest, written: None }
+        Self { store, events, dir, manifest, written: None, is_latest: false }
     }
 
     /// Emits a sentence from a node.
@@ -128,6 +130,12 @@ impl<'a> Journal<'a> {
     fn write_manifest(&mut self, durable: bool) -> anyhow::Result<()> {
         self.manifest.wall_secs = self.events.elapsed_secs();
         self.manifest.write(&self.dir.path, durable)?;
+        // `latest` moves once the run can be read. A run without that link is still whole.
+        if !std::mem::replace(&mut self.is_latest, true)
+            && let Err(error) = self.dir.point_latest()
+        {
+            self.events.warn(None, format!("{error:#}; name this run by its id"));
+        }
         self.written = Some(Instant::now());
         Ok(())
     }
