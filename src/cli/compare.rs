@@ -52,7 +52,7 @@ struct Head {
 
 /// Compares two runs.
 pub(crate) fn compare(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit, Error> {
-    let store = global.store()?;
+    let store = global.store_to_read()?;
     let manifests = [global.manifest(&args.before)?, global.manifest(&args.after)?];
     let heads = manifests.each_ref().map(|it| Head {
         run: it.run.clone(),

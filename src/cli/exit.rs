@@ -65,7 +65,10 @@ impl From<store::Error> for Error {
     fn from(error: store::Error) -> Self {
         let exit = match error {
             store::Error::Busy(_) => Exit::Busy,
-            store::Error::OtherFormat { .. } | store::Error::Unusable { .. } | store::Error::Io { .. } => Exit::Store,
+            store::Error::NotAStore { .. }
+            | store::Error::OtherFormat { .. }
+            | store::Error::Unusable { .. }
+            | store::Error::Io { .. } => Exit::Store,
         };
         Self::new(exit, format!("{:#}", anyhow::Error::from(error)))
     }

@@ -139,7 +139,7 @@ pub(crate) fn show(global: &Global, args: &ShowArgs) -> Result<Exit, Error> {
     }
     out::print(&out::table(&nodes.iter().map(|node| row(node)).collect::<Vec<_>>()));
     if args.node.is_some() {
-        let store = global.store()?;
+        let store = global.store_to_read()?;
         for node in &nodes {
             out::line(&format!("\n{} {}", out::bold(&node.about.name), node.about.work.params));
             out::print(&out::table(&files(&store, node)?));

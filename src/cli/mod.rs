@@ -87,8 +87,14 @@ pub(crate) struct Global {
 }
 
 impl Global {
-    fn store(&self) -> Result<LocalStore, Error> {
+    /// The store, for a verb that runs something. It is made where there is none.
+    fn store_to_run(&self) -> Result<LocalStore, Error> {
         Ok(LocalStore::open(&self.artifacts)?)
+    }
+
+    /// The store, for a verb that only reads. Nothing in its folder changes.
+    fn store_to_read(&self) -> Result<LocalStore, Error> {
+        Ok(LocalStore::open_to_read(&self.artifacts)?)
     }
 
     /// The folder of the runs.

@@ -169,7 +169,7 @@ impl<'a> OneRun<'a> {
             nodes.retain(|node| members[node.about.member].name == *wanted);
         }
         let pipeline = args.member.clone().unwrap_or(pipeline);
-        Ok(Self { store: global.store()?, kinds, run, pipeline, nodes })
+        Ok(Self { store: global.store_to_read()?, kinds, run, pipeline, nodes })
     }
 
     fn lacks(&self, what: &str, files: &str) -> Error {

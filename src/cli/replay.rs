@@ -41,7 +41,7 @@ pub(crate) struct Args {
 
 /// Replays a run.
 pub(crate) fn replay(global: &Global, args: &Args, kinds: &'static [Kind]) -> Result<Exit, Error> {
-    let store = global.store()?;
+    let store = global.store_to_run()?;
     let manifest = global.manifest(&args.run)?;
     let scratch = scratch_folder(&store, &manifest.run)?;
     let stop = Stop::listen()?;
@@ -68,7 +68,7 @@ pub(crate) fn replay(global: &Global, args: &Args, kinds: &'static [Kind]) -> Re
 
 /// A new folder for the empty store, among the store's temporary files. The store removes it if the replay is killed.
 fn scratch_folder(store: &dyn ResultStore, run: &str) -> Result<PathBuf, Error> {
-    let folder = store.scratch().join(format!("replay-{run}-{}", std::process::id()));
+    let folder = store.scratch_path(&format!("replay-{run}-{}", std::process::id()));
     std::fs::create_dir(&folder)
         .map_err(|error| Error::new(Exit::Store, format!("cannot make {}: {error}", folder.display())))?;
     Ok(folder)

@@ -77,12 +77,12 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
     let graph = &loaded.graph;
     let wanted = file::pick(graph, &args.targets)?;
     let force = force(graph, &args.force)?;
-    let store = global.store()?;
     if args.dry_run {
-        let plan = plan(graph, &wanted, &store, &force)?;
+        let plan = plan(graph, &wanted, &global.store_to_read()?, &force)?;
         status::show(graph, &plan, &mut History::new(&global.runs()), args.json, global);
         return Ok(Exit::Ok);
     }
+    let store = global.store_to_run()?;
     let view = args.rerun.clone().map(|sink| LiveView::new(sink, global.runs())).transpose()?;
     let stop = Stop::listen()?;
     let argv: Vec<String> = argv.iter().map(|word| word.to_string_lossy().into_owned()).collect();

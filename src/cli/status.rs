@@ -41,7 +41,7 @@ const ROWS: usize = 24;
 pub(crate) fn status(global: &Global, args: &Args, kinds: &'static [Kind]) -> Result<Exit, Error> {
     let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, args.json)?;
     let wanted = file::pick(&loaded.graph, &args.targets)?;
-    let store = global.store()?;
+    let store = global.store_to_read()?;
     let plan = plan(&loaded.graph, &wanted, &store, &Force::None)?;
     show(&loaded.graph, &plan, &mut History::new(&global.runs()), args.json, global);
     let is_fresh = plan.iter().flatten().all(|state| matches!(state, State::Hit(..)));

@@ -15,14 +15,13 @@ use crate::{
         groups::grouped,
         headline::{Headline, headline},
         numbers::mean,
-        outcomes::{Outcome, outcomes},
+        outcomes::final_outcomes,
         series::{Series, pooled},
         table::{About, Grid, short},
     },
     run::{
         events::{NodeState, RunState},
         execute::{Failure, NodeReport, Report},
-        manifest::Manifest,
         runs::file_name,
     },
     stage::Kind,
@@ -45,12 +44,10 @@ pub(crate) struct End<'a> {
 }
 
 impl<'a> End<'a> {
-    /// Reads what a run reached; nothing where its manifest or the store cannot be read.
+    /// Reads what a run reached; nothing where the store cannot be read.
     pub(crate) fn of(report: &'a Report, graph: &'a Graph, store: &dyn ResultStore, kinds: &'a [Kind]) -> Self {
-        let manifest = Manifest::read(&report.path).ok();
-        let headline = manifest.as_ref().and_then(|manifest| headline(manifest, kinds));
-        let all = manifest.map_or_else(Vec::new, |manifest| outcomes(&manifest, kinds));
-        let finals: Vec<Outcome> = all.into_iter().filter(|outcome| outcome.is_last).collect();
+        let headline = headline(&report.manifest, kinds);
+        let finals = final_outcomes(&report.manifest, kinds);
         let metric = finals.first().map_or("", |outcome| outcome.headline);
         let reached = pooled(finals, metric, true, store).unwrap_or_default();
         Self { report, graph, kinds, headline, metric, reached }

@@ -67,7 +67,7 @@ enum Format {
 
 /// Prints a table.
 pub(crate) fn table(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit, Error> {
-    let store = global.store()?;
+    let store = global.store_to_read()?;
     let mut all = all_outcomes(global, &args.runs, kinds)?;
     let by_round = args.all_rounds || [&args.rows, &args.cols].iter().any(|field| *field == "round");
     all.retain(|outcome| outcome.is_last || by_round);

@@ -36,7 +36,7 @@ pub(crate) fn why(global: &Global, args: &Args, kinds: &'static [Kind]) -> Resul
     let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, args.json)?;
     let graph = &loaded.graph;
     let wanted = file::pick(graph, std::slice::from_ref(&args.node))?;
-    let store = global.store()?;
+    let store = global.store_to_read()?;
     let plan = plan(graph, &wanted, &store, &Force::None)?;
     let mut history = History::new(&global.runs());
     let named = (0..graph.nodes.len()).filter(|&id| graph.is_named(id, &args.node));

@@ -1,6 +1,9 @@
 //! The lineage of a result: the nodes that it was made from, their samples, and digests of their recipe.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    cell::{OnceCell, RefCell},
+    collections::{BTreeMap, BTreeSet, HashMap},
+};
 
 use serde_json::json;
 
@@ -15,17 +18,37 @@ use crate::{
 /// The artifact by which samples are counted.
 const TRANSITIONS: &str = "transitions";
 
-/// The nodes of a run, by name.
+/// The member, the point of the matrix and the round of a node.
+type Place<'a> = (usize, &'a [(String, String)], Option<u32>);
+
+/// The member, the task as text and the point that nodes of one family share.
+type FamilyOf = (usize, String, Vec<(String, String)>);
+
+/// The nodes of a run, by name and by place. What is asked of many nodes is computed once.
 pub(super) struct Lineage<'a> {
     manifest: &'a Manifest,
     kinds: &'a [Kind],
-    by_name: BTreeMap<&'a str, usize>,
+    by_name: HashMap<&'a str, usize>,
+    by_place: HashMap<Place<'a>, Vec<&'a NodeRecord>>,
+    /// The step of each node in a recipe.
+    steps: Vec<OnceCell<String>>,
+    families: RefCell<HashMap<FamilyOf, Digest>>,
 }
 
 impl<'a> Lineage<'a> {
     pub(super) fn new(manifest: &'a Manifest, kinds: &'a [Kind]) -> Self {
         let by_name = manifest.nodes.iter().enumerate().map(|(id, node)| (node.about.name.as_str(), id)).collect();
-        Self { manifest, kinds, by_name }
+        let mut by_place: HashMap<_, Vec<_>> = HashMap::new();
+        for node in &manifest.nodes {
+            by_place.entry(place(node)).or_default().push(node);
+        }
+        let steps = vec![OnceCell::new(); manifest.nodes.len()];
+        Self { manifest, kinds, by_name, by_place, steps, families: RefCell::default() }
+    }
+
+    /// The nodes in the round of a node at its point, and itself.
+    pub(super) fn beside(&self, node: &'a NodeRecord) -> impl Iterator<Item = &'a NodeRecord> {
+        self.by_place.get(&place(node)).into_iter().flatten().copied()
     }
 
     /// A node and all nodes that it was made from.
@@ -56,31 +79,44 @@ impl<'a> Lineage<'a> {
 
     /// A digest of everything upstream except seeds.
     pub(super) fn recipe(&self, upstream: &BTreeSet<usize>) -> Digest {
-        let place = |name: &String| {
+        let step = |&id: &usize| self.steps[id].get_or_init(|| self.step(&self.manifest.nodes[id]));
+        let steps: BTreeSet<&String> = upstream.iter().map(step).collect();
+        Digest::of_json(&json!(steps))
+    }
+
+    /// A node without its seed, as text.
+    fn step(&self, node: &NodeRecord) -> String {
+        let source = |name: &String| {
             let node = self.by_name.get(name.as_str()).map(|&id| &self.manifest.nodes[id]);
             node.map(|node| json!([without_member(&node.about.stage), node.about.round]))
         };
-        let step = |node: &NodeRecord| {
-            let inputs: BTreeMap<&String, Vec<_>> =
-                node.about.inputs.iter().map(|(port, names)| (port, names.iter().map(place).collect())).collect();
-            digest::canonical(&json!([
-                without_member(&node.about.stage),
-                node.about.round,
-                node.about.work.kind,
-                node.about.work.version,
-                node.about.work.params,
-                node.about.work.task,
-                node.about.work.stream.stream,
-                inputs
-            ]))
-        };
-        let steps: BTreeSet<String> = upstream.iter().map(|&id| step(&self.manifest.nodes[id])).collect();
-        Digest::of_json(&json!(steps))
+        let inputs: BTreeMap<&String, Vec<_>> =
+            node.about.inputs.iter().map(|(port, names)| (port, names.iter().map(source).collect())).collect();
+        digest::canonical(&json!([
+            without_member(&node.about.stage),
+            node.about.round,
+            node.about.work.kind,
+            node.about.work.version,
+            node.about.work.params,
+            node.about.work.task,
+            node.about.work.stream.stream,
+            inputs
+        ]))
     }
 
     /// A digest of the pipeline at a node's point, except rounds, seeds and numbers of samples.
     pub(super) fn family(&self, node: &NodeRecord) -> Digest {
         let own = without_samples(without_seed(node));
+        let of = (node.about.member, digest::canonical(&json!(node.about.work.task)), own);
+        if let Some(&known) = self.families.borrow().get(&of) {
+            return known;
+        }
+        let family = self.new_family(node, &of.2);
+        self.families.borrow_mut().insert(of, family);
+        family
+    }
+
+    fn new_family(&self, node: &NodeRecord, own: &[(String, String)]) -> Digest {
         let is_beside = |other: &&NodeRecord| {
             let differs = |(axis, value): &(String, String)| own.iter().any(|(mine, it)| mine == axis && it != value);
             other.about.member == node.about.member
@@ -100,4 +136,8 @@ impl<'a> Lineage<'a> {
         let steps: BTreeSet<String> = self.manifest.nodes.iter().filter(is_beside).map(step).collect();
         Digest::of_json(&json!(steps))
     }
+}
+
+fn place(node: &NodeRecord) -> Place<'_> {
+    (node.about.member, &node.about.point, node.about.round)
 }

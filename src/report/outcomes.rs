@@ -64,8 +64,17 @@ pub fn is_done(node: &NodeRecord) -> bool {
 
 /// Every finished result of a run, in the order of its nodes.
 pub fn outcomes(manifest: &Manifest, kinds: &[Kind]) -> Vec<Outcome> {
+    outcomes_of(manifest, kinds, is_done)
+}
+
+/// Every finished result of the last rounds of a run, in the order of its nodes.
+pub fn final_outcomes(manifest: &Manifest, kinds: &[Kind]) -> Vec<Outcome> {
+    outcomes_of(manifest, kinds, |node| node.about.is_last && is_done(node))
+}
+
+fn outcomes_of(manifest: &Manifest, kinds: &[Kind], is_wanted: fn(&NodeRecord) -> bool) -> Vec<Outcome> {
     let lineage = Lineage::new(manifest, kinds);
-    let done = manifest.nodes.iter().enumerate().filter(|(_, node)| is_done(node));
+    let done = manifest.nodes.iter().enumerate().filter(|(_, node)| is_wanted(node));
     done.filter_map(|(id, node)| {
         let kind = kinds.iter().find(|kind| kind.name == node.about.work.kind)?;
         Some(outcome(manifest, &lineage, id, kind, kind.headline?))
@@ -73,7 +82,13 @@ pub fn outcomes(manifest: &Manifest, kinds: &[Kind]) -> Vec<Outcome> {
     .collect()
 }
 
-fn outcome(manifest: &Manifest, lineage: &Lineage<'_>, id: usize, kind: &Kind, headline: &'static str) -> Outcome {
+fn outcome<'a>(
+    manifest: &'a Manifest,
+    lineage: &Lineage<'a>,
+    id: usize,
+    kind: &Kind,
+    headline: &'static str,
+) -> Outcome {
     let node = &manifest.nodes[id];
     let upstream = lineage.upstream(id);
     Outcome {
@@ -94,7 +109,7 @@ fn outcome(manifest: &Manifest, lineage: &Lineage<'_>, id: usize, kind: &Kind, h
         family: lineage.family(node),
         key: node.outcome.key,
         output: node.outcome.output,
-        metrics: metrics(manifest, node),
+        metrics: metrics(lineage, node),
     }
 }
 
@@ -111,15 +126,10 @@ fn ceiling(node: &NodeRecord, kind: &Kind) -> Option<f64> {
 }
 
 /// The metrics of a node, and those of other stages in its round at its point.
-fn metrics(manifest: &Manifest, node: &NodeRecord) -> BTreeMap<String, f64> {
+fn metrics<'a>(lineage: &Lineage<'a>, node: &'a NodeRecord) -> BTreeMap<String, f64> {
     let mut metrics = node.outcome.metrics.clone();
-    let is_beside = |other: &&NodeRecord| {
-        (other.about.member, &other.about.point, other.about.round)
-            == (node.about.member, &node.about.point, node.about.round)
-            && is_done(other)
-            && other.about.name != node.about.name
-    };
-    for other in manifest.nodes.iter().filter(is_beside) {
+    let is_other = |other: &&NodeRecord| is_done(other) && other.about.name != node.about.name;
+    for other in lineage.beside(node).filter(is_other) {
         for (name, value) in &other.outcome.metrics {
             metrics.entry(name.clone()).or_insert(*value);
         }

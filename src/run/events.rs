@@ -5,7 +5,7 @@
 use std::{
     collections::BTreeMap,
     fs::{File, OpenOptions},
-    io::Write as _,
+    io::{self, Write as _},
     path::Path,
     sync::Mutex,
     time::Instant,
@@ -103,7 +103,7 @@ pub enum Event {
         /// The content digest of its output.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         digest: Option<Digest>,
-        /// The finished recording, below the folder of the run.
+        /// The finished recording, as seen from the folder of the run.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         recording: Option<String>,
         /// Its metrics.
@@ -172,8 +172,33 @@ impl Listener for () {
 /// Writes events to `events.jsonl` and passes them on to a listener.
 pub struct Events<'a> {
     start: Instant,
-    file: Mutex<Option<File>>,
+    file: Mutex<Lines>,
     listener: &'a dyn Listener,
+}
+
+/// The lines of `events.jsonl`.
+struct Lines {
+    /// `None` once a write has failed.
+    file: Option<File>,
+    /// Lines that wait for the next write.
+    unwritten: Vec<u8>,
+}
+
+impl Lines {
+    /// Adds a line. It is written at once, with the lines that waited, unless it may wait for the next line. A write holds
+    /// whole lines: then a reader sees half a line only if the disk is full.
+    fn add(&mut self, line: &[u8], may_wait: bool) -> io::Result<()> {
+        self.unwritten.extend_from_slice(line);
+        if may_wait && self.unwritten.len() < 1 << 16 {
+            return Ok(());
+        }
+        let written = self.file.as_mut().map_or(Ok(()), |file| file.write_all(&self.unwritten));
+        self.unwritten.clear();
+        if written.is_err() {
+            self.file = None;
+        }
+        written
+    }
 }
 
 impl std::fmt::Debug for Events<'_> {
@@ -191,7 +216,11 @@ impl<'a> Events<'a> {
         let path = run_dir.join("events.jsonl");
         let file = OpenOptions::new().append(true).create_new(true).open(&path);
         let file = file.with_context(|| format!("cannot write {}", path.display()))?;
-        Ok(Self { start: Instant::now(), file: Mutex::new(Some(file)), listener })
+        Ok(Self {
+            start: Instant::now(),
+            file: Mutex::new(Lines { file: Some(file), unwritten: Vec::new() }),
+            listener,
+        })
     }
 
     /// Writes an event and passes it on.
@@ -207,10 +236,9 @@ impl<'a> Events<'a> {
         let mut failure = None;
         if let Ok(mut line) = serde_json::to_string(&Line { event, at }) {
             line.push('\n');
-            let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            // One write for each line: then a reader sees half a line only if the disk is full.
-            if let Some(Err(error)) = file.as_mut().map(|file| file.write_all(line.as_bytes())) {
-                *file = None;
+            let mut lines = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let may_wait = matches!(event, Event::NodeFinished { state: NodeState::Cached, .. });
+            if let Err(error) = lines.add(line.as_bytes(), may_wait) {
                 failure = Some(format!("cannot write events.jsonl, so the live view ends here: {error}"));
             }
         }

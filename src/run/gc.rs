@@ -5,7 +5,7 @@ use std::{fs, path::Path};
 use anyhow::{Context as _, bail};
 use serde::Serialize;
 
-use super::{events::RunState, manifest::Manifest, runs};
+use super::{events::RunState, manifest::Manifest, runs, strays};
 use crate::store::{Kept, LocalStore, ResultStore as _};
 
 /// What a cleaning removes, or would remove.
@@ -30,6 +30,10 @@ pub fn clean(store: &LocalStore, runs_folder: &Path, keep_runs: usize, dry_run: 
     let ids = runs::list(runs_folder)?;
     let (kept_runs, dropped) = ids.split_at(keep_runs.min(ids.len()));
     let mut kept = Kept::default();
+    if !dry_run {
+        strays::sweep_links(runs_folder);
+        kept_runs.iter().for_each(|id| strays::sweep_run(&runs_folder.join(id)));
+    }
     for id in kept_runs {
         keep(&runs_folder.join(id), store, &mut kept)?;
     }

@@ -13,5 +13,6 @@ pub mod node;
 pub mod plan;
 pub mod replay;
 pub mod runs;
+mod strays;
 mod utc;
 pub mod why;

@@ -12,7 +12,7 @@ use std::{
 
 use anyhow::Context as _;
 
-use super::{alive, manifest::Manifest, utc};
+use super::{alive, manifest::Manifest, strays::FRESH_LINK, utc};
 
 /// The folder of the runs, beside the store that their results are in.
 pub fn folder(artifacts: &Path) -> PathBuf {
@@ -54,17 +54,22 @@ impl RunDir {
     /// Lets `latest` point to this run.
     pub(crate) fn point_latest(&self) -> anyhow::Result<()> {
         let runs = self.path.parent().unwrap_or(Path::new("."));
-        let fresh = runs.join(format!(".latest-{}", self.id));
+        let fresh = runs.join(format!("{FRESH_LINK}{}", self.id));
         symlink(&self.id, &fresh)
             .and_then(|()| fs::rename(&fresh, runs.join("latest")))
             .with_context(|| format!("cannot point {} to {}", runs.join("latest").display(), self.id))
+    }
+
+    /// The path of a file as seen from the folder of the run.
+    pub(crate) fn seen_from(&self, file: &Path) -> PathBuf {
+        relative(file, &self.path)
     }
 
     /// Gives a file a readable name in the folder. The link is relative where it can be, so that the folder that holds
     /// both may be moved.
     pub(crate) fn link(&self, name: &str, file: &Path) -> anyhow::Result<()> {
         let path = self.path.join(name);
-        let target = relative(file, &self.path);
+        let target = self.seen_from(file);
         match symlink(&target, &path) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
                 fs::remove_file(&path).and_then(|()| symlink(&target, &path))

@@ -1,11 +1,8 @@
 //! What the program asks of a store.
 
-use std::{
-    fmt::Debug,
-    path::{Path, PathBuf},
-};
+use std::{fmt::Debug, path::PathBuf};
 
-use super::{Entry, FileRef, Files, NewEntry, Result, files::Content};
+use super::{Entry, FileRef, Files, Holder, NewEntry, Result, files::Content};
 use crate::digest::Digest;
 
 /// Files up to this size are loaded into memory; larger ones are handed on as verified files.
@@ -56,8 +53,13 @@ pub trait ResultStore: Debug + Sync {
     /// The system refused an operation.
     fn try_lock(&self, key: Digest) -> Result<Option<Box<dyn KeyLock>>>;
 
-    /// A folder on this machine for files that are to be published; the store can take files over from there cheaply.
-    fn scratch(&self) -> &Path;
+    /// The process that holds the lock of a key, where the system tells.
+    fn holder(&self, key: Digest) -> Option<Holder>;
+
+    /// A path on this machine for a file that is to be published, or for a folder of temporary files; the store can take
+    /// files over from there cheaply. What a killed process leaves there is removed later. `name` must be this caller's
+    /// alone.
+    fn scratch_path(&self, name: &str) -> PathBuf;
 
     /// Where an object lies on this machine, for people to look at; `None` where it lies elsewhere.
     fn path_of(&self, object: Digest) -> Option<PathBuf>;

@@ -10,6 +10,14 @@ pub enum Error {
     /// Another process holds the store; trying again later may succeed.
     #[error("{0}")]
     Busy(String),
+    /// The folder holds something else, so nothing is written to it.
+    #[error("{} is not a store of carl-pipe: {why}; give a store or an empty folder with `--artifacts`", folder.display())]
+    NotAStore {
+        /// The folder.
+        folder: PathBuf,
+        /// What it has instead, such as `it has files but no store.json`.
+        why: &'static str,
+    },
     /// Another version of carl-pipe made the store.
     #[error(
         "{} is a store of format {found}, but this carl-pipe reads format {supported}; give another folder with `--artifacts`",

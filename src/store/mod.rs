@@ -6,6 +6,7 @@ mod contract;
 mod entry;
 mod error;
 mod files;
+mod holder;
 mod key;
 mod local;
 
@@ -13,5 +14,6 @@ pub use contract::{KeyLock, Lookup, Published, ResultStore};
 pub use entry::{Entry, FileRef, NewEntry, NewRecording, RecordingRef, Stat};
 pub use error::{Error, Problem, Result};
 pub use files::{Content, Files};
+pub use holder::Holder;
 pub use key::Key;
-pub use local::{Kept, LocalStore, Removed, replace_file};
+pub use local::{Kept, LocalStore, Removed, own_items, replace_file};

@@ -24,6 +24,7 @@ use super::{
     node::NodeRecord,
     plan::Force,
     runs::RunDir,
+    strays,
 };
 use crate::{pipeline::Graph, stage::Kind, store::ResultStore};
 
@@ -76,6 +77,8 @@ pub struct Report {
     pub state: RunState,
     /// Every wanted node.
     pub nodes: Vec<NodeReport>,
+    /// The manifest as its folder keeps it.
+    pub manifest: Manifest,
     /// Seconds from start to end.
     pub wall_secs: f64,
 }
@@ -110,6 +113,7 @@ pub fn run(
     listener: &dyn Listener,
 ) -> anyhow::Result<Report> {
     let dir = RunDir::create(runs)?;
+    strays::sweep_links(runs);
     let events = Events::create(&dir.path, listener)?;
     let manifest = Manifest::begin(&dir.id, order.graph, &order.wanted, order.text, &order.argv);
     events.emit(&Event::RunStarted {

@@ -124,7 +124,7 @@ impl<'a> Worker<'a> {
 
     /// Where the finished recording of a key lies until it is published.
     fn canonical(&self, key: &Key) -> PathBuf {
-        self.context.store.scratch().join(format!("{}-{}.mcap", self.context.run, key.digest.hex()))
+        self.context.store.scratch_path(&format!("{}-{}.mcap", self.context.run, key.digest.hex()))
     }
 
     fn publish(&self, job: &Job, key: &Key, made: Made<'_>) -> store::Result<Published> {

@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{LocalStore, entry_below_root, object_below_root};
+use super::{LocalStore, durable::own_items, entry_below_root, object_below_root};
 use crate::{
     digest::Digest,
     store::{Entry, Result, error::OrIo as _},
@@ -57,11 +57,10 @@ impl LocalStore {
             removed.objects += 1;
             removed.bytes += remove_file(&self.root.join(path), dry_run)?;
         }
-        for folder in ["bad", "tmp", "locks"] {
-            for item in fs::read_dir(self.root.join(folder)).into_iter().flatten().flatten() {
-                removed.bytes += item.metadata().map_or(0, |meta| meta.len());
-                remove_any(&item.path(), dry_run)?;
-            }
+        let temporary = ["bad", "tmp"].into_iter().flat_map(|folder| own_items(&self.root.join(folder)));
+        for path in temporary.chain(self.locks()) {
+            removed.bytes += fs::symlink_metadata(&path).map_or(0, |meta| meta.len());
+            remove_any(&path, dry_run)?;
         }
         Ok(removed)
     }
@@ -73,26 +72,39 @@ impl LocalStore {
     pub fn entries(&self) -> Result<Vec<Entry>> {
         let mut entries = Vec::new();
         for path in self.files_below("keys")? {
-            let hex: String = path.iter().skip(1).map(|part| part.to_string_lossy()).collect();
-            if let Ok(key) = format!("b3:{}", hex.trim_end_matches(".json")).parse::<Digest>() {
+            if let Some(key) = digest_of(&path) {
                 entries.extend(self.read_entry(key)?.entry());
             }
         }
         Ok(entries)
     }
 
-    /// Every file two levels below a folder of the store, relative to the store.
+    /// The lock files of keys.
+    fn locks(&self) -> impl Iterator<Item = PathBuf> {
+        let items = fs::read_dir(self.root.join("locks")).into_iter().flatten().flatten();
+        let is_lock = |item: &fs::DirEntry| digest_of(&Path::new("locks").join(item.file_name())).is_some();
+        items.filter(is_lock).map(|item| item.path())
+    }
+
+    /// Every entry or object below a folder of the store, relative to the store. Files of other names are not ours.
     fn files_below(&self, folder: &str) -> Result<Vec<PathBuf>> {
         let mut files = Vec::new();
         for prefix in paths_in(&self.root.join(folder))? {
             if prefix.is_dir() {
                 let paths = paths_in(&prefix)?;
-                files.extend(paths.iter().map(|path| path.strip_prefix(&self.root).unwrap_or(&prefix).to_owned()));
+                let below = paths.iter().filter_map(|path| path.strip_prefix(&self.root).ok());
+                files.extend(below.filter(|path| digest_of(path).is_some()).map(Path::to_owned));
             }
         }
         files.sort();
         Ok(files)
     }
+}
+
+/// The digest that the path of an entry, an object or a lock, relative to the store, spells out.
+fn digest_of(path: &Path) -> Option<Digest> {
+    let hex: String = path.iter().skip(1).map(|part| part.to_string_lossy()).collect();
+    format!("b3:{}", hex.strip_suffix(".json").unwrap_or(&hex)).parse().ok()
 }
 
 fn paths_in(folder: &Path) -> Result<Vec<PathBuf>> {

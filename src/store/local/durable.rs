@@ -14,6 +14,16 @@ use crate::{
     store::{Result, error::OrIo as _},
 };
 
+/// How the names of temporary files begin. Only files with such names are ever swept.
+pub(super) const OWN_PREFIX: &str = "carl-tmp-";
+
+/// The temporary files and folders of this program in a folder, such as what [`replace_file`] left when it was killed.
+pub fn own_items(folder: &Path) -> impl Iterator<Item = PathBuf> + use<> {
+    let items = fs::read_dir(folder).into_iter().flatten().flatten();
+    let is_own = |item: &fs::DirEntry| item.file_name().as_encoded_bytes().starts_with(OWN_PREFIX.as_bytes());
+    items.filter(is_own).map(|item| item.path())
+}
+
 /// A file that does not have its final name yet. It is removed if it never gets one.
 #[derive(Debug)]
 pub(super) struct Temporary(NamedTempFile);
@@ -55,8 +65,9 @@ impl Temporary {
     /// Makes the file read-only and its bytes safe from a power cut.
     pub(super) fn seal(&self) -> Result<()> {
         let file = self.0.as_file();
-        let sealed = file.set_permissions(fs::Permissions::from_mode(0o444)).and_then(|()| file.sync_all());
-        sealed.or_io(|| format!("cannot write {}", self.0.path().display()))
+        // Some network and FAT file systems refuse rights. The bytes are verified by their digest in any case.
+        _ = file.set_permissions(fs::Permissions::from_mode(0o444));
+        file.sync_all().or_io(|| format!("cannot write {}", self.0.path().display()))
     }
 
     /// Gives the file its name; returns false, and removes the file, where another file has that name.
@@ -79,7 +90,7 @@ impl Temporary {
 fn fresh_file(folder: &Path, suffix: &str) -> io::Result<NamedTempFile> {
     // The umask narrows these rights, as for any other file of the user.
     let rights = fs::Permissions::from_mode(0o666);
-    Builder::new().prefix("").suffix(suffix).permissions(rights).tempfile_in(folder)
+    Builder::new().prefix(OWN_PREFIX).suffix(suffix).permissions(rights).tempfile_in(folder)
 }
 
 /// Moves a file to a fresh name in `folder`; the name ends in the file's own.
@@ -104,10 +115,19 @@ pub fn replace_file(path: &Path, bytes: &[u8], durable: bool) -> Result<()> {
     if durable { sync_folder(folder) } else { Ok(()) }
 }
 
-/// Makes the names in a folder safe from a power cut.
+/// Makes the names in a folder safe from a power cut, where the file system can do so. `carl-pipe doctor` says whether.
 pub(super) fn sync_folder(folder: &Path) -> Result<()> {
-    let synced = File::open(folder).and_then(|folder| folder.sync_all());
-    synced.or_io(|| format!("cannot write {}", folder.display()))
+    match File::open(folder).and_then(|folder| folder.sync_all()) {
+        Err(error) if !cannot_sync_folders(&error) => Err(error).or_io(|| format!("cannot write {}", folder.display())),
+        _ => Ok(()),
+    }
+}
+
+/// Whether a file system refuses to sync folders at all. A full or failing disk gives other errors.
+fn cannot_sync_folders(error: &io::Error) -> bool {
+    use io::ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
+    const EBADF: i32 = 9;
+    matches!(error.kind(), InvalidInput | PermissionDenied | Unsupported) || error.raw_os_error() == Some(EBADF)
 }
 
 /// Makes a folder whose name survives a power cut.

@@ -56,7 +56,7 @@ impl LocalStore {
                 ObjectState::Unusable(_) => (entry.recording, entry.lost_recording) = (None, true),
             }
         }
-        if was_moved && !entry.lost_recording {
+        if was_moved && !entry.lost_recording && self.may_write {
             // The new entry spares the next look-up from reading the objects. A failure changes no answer.
             let _ = self.write_entry(&entry).and_then(|file| file.replace(&self.entry_path(entry.key_digest)));
         }

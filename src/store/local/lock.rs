@@ -32,12 +32,29 @@ impl StoreLock {
         Self::take(path, patience, File::try_lock)
     }
 
+    /// A shared lock for a reader, who makes no file; `Some(None)` where there is no lock file that it may open, and
+    /// `None` if the lock is not free within `patience`.
+    pub(super) fn of_reader(path: &Path, patience: Duration) -> Result<Option<Option<Self>>> {
+        match File::open(path) {
+            Ok(file) => Ok(Self::take_file(file, path, patience, File::try_lock_shared)?.map(Some)),
+            Err(_) => Ok(Some(None)),
+        }
+    }
+
     fn take(
         path: &Path,
         patience: Duration,
         attempt: fn(&File) -> std::result::Result<(), TryLockError>,
     ) -> Result<Option<Self>> {
-        let file = open(path)?;
+        Self::take_file(open(path)?, path, patience, attempt)
+    }
+
+    fn take_file(
+        file: File,
+        path: &Path,
+        patience: Duration,
+        attempt: fn(&File) -> std::result::Result<(), TryLockError>,
+    ) -> Result<Option<Self>> {
         let start = Instant::now();
         loop {
             match attempt(&file) {

@@ -4,6 +4,7 @@ mod clean;
 mod durable;
 mod find;
 mod lock;
+mod marker;
 mod objects;
 mod publish;
 
@@ -13,17 +14,14 @@ use std::{
     time::Duration,
 };
 
-use serde_json::json;
-
-use super::{Entry, Error, FileRef, KeyLock, Lookup, NewEntry, Published, Result, ResultStore, error::OrIo as _};
+use super::{Entry, Error, FileRef, Holder, KeyLock, Lookup, NewEntry, Published, Result, ResultStore, holder};
 use crate::digest::Digest;
 
 pub use clean::{Kept, Removed};
-pub use durable::replace_file;
+use durable::OWN_PREFIX;
+pub use durable::{own_items, replace_file};
 use lock::{LockedKey, StoreLock};
-
-/// The layout of a store. Raise it when an older carl-pipe would misread a store.
-const FORMAT: u64 = 1;
+use marker::Place;
 
 /// How long a run waits until the cleaning of a store ends.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -33,35 +31,59 @@ const PATIENCE: Duration = Duration::from_secs(30);
 pub struct LocalStore {
     root: PathBuf,
     scratch: PathBuf,
-    _lock: StoreLock,
+    /// False for a store that is only read: then nothing in its folder is made, changed or removed.
+    may_write: bool,
+    /// `None` where a reader found no lock that it could open.
+    _lock: Option<StoreLock>,
 }
 
 impl LocalStore {
-    /// Opens a store that other processes may use at the same time; makes it where there is none.
+    /// Opens a store that other processes may use at the same time; makes it in an empty or absent folder.
     ///
     /// # Errors
-    /// [`Error::Busy`] while another process cleans the store, [`Error::OtherFormat`], or the system refused an
-    /// operation.
+    /// [`Error::Busy`] while another process cleans the store, [`Error::NotAStore`] for a folder with other files,
+    /// [`Error::OtherFormat`], or the system refused an operation.
     pub fn open(root: &Path) -> Result<Self> {
-        prepare(root)?;
+        marker::make(root, marker::look(root)?)?;
         sweep_scratch(root);
         let lock = StoreLock::shared(&root.join("lock"), PATIENCE)?;
-        Self::locked(root, lock.ok_or_else(|| busy(root, "is being cleaned by another process")))
+        let lock = lock.ok_or_else(|| busy(root, "is being cleaned"))?;
+        Ok(Self::with(root, true, Some(lock)))
+    }
+
+    /// Opens a store for reading, also where this process may not write. An empty or absent folder is an empty store.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] while another process cleans the store, [`Error::NotAStore`] for a folder with other files,
+    /// [`Error::OtherFormat`], or the system refused an operation.
+    pub fn open_to_read(root: &Path) -> Result<Self> {
+        let lock = match marker::look(root)? {
+            Place::Free => None,
+            Place::Store => match StoreLock::of_reader(&root.join("lock"), PATIENCE)? {
+                Some(lock) => lock,
+                None => return Err(busy(root, "is being cleaned")),
+            },
+        };
+        Ok(Self::with(root, false, lock))
     }
 
     /// Opens a store that no other process uses.
     ///
     /// # Errors
-    /// [`Error::Busy`] while another process uses the store, [`Error::OtherFormat`], or the system refused an
-    /// operation.
+    /// [`Error::Busy`] while another process uses the store, [`Error::NotAStore`] for a folder that is no store,
+    /// [`Error::OtherFormat`], or the system refused an operation.
     pub fn open_alone(root: &Path) -> Result<Self> {
-        prepare(root)?;
+        if marker::look(root)? == Place::Free {
+            return Err(Error::NotAStore { folder: root.to_owned(), why: "it is empty" });
+        }
+        marker::make(root, Place::Store)?;
         let lock = StoreLock::exclusive(&root.join("lock"), Duration::ZERO)?;
-        Self::locked(root, lock.ok_or_else(|| busy(root, "is in use by a run")))
+        let lock = lock.ok_or_else(|| busy(root, "is in use"))?;
+        Ok(Self::with(root, true, Some(lock)))
     }
 
-    fn locked(root: &Path, lock: Result<StoreLock>) -> Result<Self> {
-        Ok(Self { root: root.to_owned(), scratch: root.join("tmp"), _lock: lock? })
+    fn with(root: &Path, may_write: bool, lock: Option<StoreLock>) -> Self {
+        Self { root: root.to_owned(), scratch: root.join("tmp"), may_write, _lock: lock }
     }
 
     /// The folder of the store.
@@ -71,6 +93,10 @@ impl LocalStore {
 
     fn object(&self, digest: Digest) -> PathBuf {
         self.root.join(object_below_root(digest))
+    }
+
+    fn lock_path(&self, key: Digest) -> PathBuf {
+        self.root.join("locks").join(key.hex())
     }
 
     fn entry_path(&self, key: Digest) -> PathBuf {
@@ -103,12 +129,16 @@ impl ResultStore for LocalStore {
     }
 
     fn try_lock(&self, key: Digest) -> Result<Option<Box<dyn KeyLock>>> {
-        let lock = LockedKey::try_take(&self.root.join("locks").join(key.hex()))?;
+        let lock = LockedKey::try_take(&self.lock_path(key))?;
         Ok(lock.map(|lock| Box::new(lock) as Box<dyn KeyLock>))
     }
 
-    fn scratch(&self) -> &Path {
-        &self.scratch
+    fn holder(&self, key: Digest) -> Option<Holder> {
+        holder::holders(&self.lock_path(key)).first().copied()
+    }
+
+    fn scratch_path(&self, name: &str) -> PathBuf {
+        self.scratch.join(format!("{OWN_PREFIX}{name}"))
     }
 
     fn path_of(&self, object: Digest) -> Option<PathBuf> {
@@ -116,8 +146,11 @@ impl ResultStore for LocalStore {
     }
 }
 
+/// The error that other processes hold the lock of a store. Names them where the system tells.
 fn busy(root: &Path, why: &str) -> Error {
-    Error::Busy(format!("{} {why}", root.display()))
+    let holders: Vec<String> = holder::holders(&root.join("lock")).iter().map(Holder::to_string).collect();
+    let by = if holders.is_empty() { "another process".to_owned() } else { holders.join(", ") };
+    Error::Busy(format!("{} {why} by {by}", root.display()))
 }
 
 /// The path of an object below the folder of the store.
@@ -132,46 +165,15 @@ fn entry_below_root(key: Digest) -> PathBuf {
     Path::new("keys").join(&hex[..2]).join(format!("{}.json", &hex[2..]))
 }
 
-/// Makes the folders of a store, and refuses a layout of another version.
-fn prepare(root: &Path) -> Result<()> {
-    let marker = root.join("store.json");
-    match fs::read(&marker) {
-        Ok(bytes) => {
-            let format =
-                serde_json::from_slice::<serde_json::Value>(&bytes).ok().and_then(|json| json["format"].as_u64());
-            match format {
-                Some(FORMAT) => Ok(()),
-                Some(found) => Err(Error::OtherFormat { folder: root.to_owned(), found, supported: FORMAT }),
-                None => write_marker(&marker),
-            }
-        }
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            for folder in ["objects", "keys", "locks", "tmp", "bad"] {
-                let folder = root.join(folder);
-                fs::create_dir_all(&folder).or_io(|| format!("cannot make {}", folder.display()))?;
-            }
-            write_marker(&marker)
-        }
-        Err(error) => Err(error).or_io(|| format!("cannot read {}", marker.display())),
-    }
-}
-
-fn write_marker(marker: &Path) -> Result<()> {
-    let text = format!("{}\n", json!({"store": "carl-pipe", "format": FORMAT}));
-    replace_file(marker, text.as_bytes(), true)
-}
-
 /// Removes what killed processes left half written, if no process uses the store now.
 fn sweep_scratch(root: &Path) {
-    let folder = root.join("tmp");
-    let is_empty = fs::read_dir(&folder).map_or(true, |mut items| items.next().is_none());
-    if is_empty {
+    let own = || own_items(&root.join("tmp"));
+    if own().next().is_none() {
         return;
     }
     // Every process that uses the store holds a shared lock. A failure here costs space, never a result.
     if let Ok(Some(_alone)) = StoreLock::exclusive(&root.join("lock"), Duration::ZERO) {
-        for item in fs::read_dir(&folder).into_iter().flatten().flatten() {
-            let path = item.path();
+        for path in own() {
             let _ = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
         }
     }

@@ -84,9 +84,9 @@ impl LocalStore {
         }
     }
 
-    /// Moves a damaged file to `bad/`, or removes it where it cannot be moved.
+    /// Moves a damaged file to `bad/`, or removes it where it cannot be moved. A reader leaves it where it is.
     pub(super) fn set_aside(&self, path: &Path) {
-        if move_aside(path, &self.root.join("bad")).is_err() {
+        if self.may_write && move_aside(path, &self.root.join("bad")).is_err() {
             let _ = fs::remove_file(path);
         }
     }

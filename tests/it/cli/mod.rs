@@ -2,6 +2,7 @@
 
 mod chaos;
 mod environment;
+mod folders;
 mod plot;
 mod suite;
 mod verbs;

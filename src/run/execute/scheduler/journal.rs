@@ -5,7 +5,10 @@
     reason = "a clock spaces the writing of the manifest; no key or result holds a time"
 )]
 
-use std::time::{Duration, Instant};
+use std::{
+    path::Path,
+    time::{Duration, Instant},
+};
 
 use super::node_run::{NodeRun, Phase};
 use crate::{
@@ -25,6 +28,9 @@ use crate::{
 
 /// How often a long run writes its manifest, so that a killed run shows what it had.
 const MANIFEST_EVERY: Duration = Duration::from_secs(1);
+
+/// A run of at most this many nodes links the files of cached nodes, too.
+const LINKED_WHEN_CACHED: usize = 100;
 
 /// The records of a run in progress.
 pub(super) struct Journal<'a> {
@@ -74,11 +80,18 @@ impl<'a> Journal<'a> {
             let text = format!("the recording of {name} is gone; `carl-pipe run --force={name}` makes it again");
             self.warn(name, text);
         }
-        let recorded = entry.recording.as_ref().map(|recording| recording.object);
-        let recording = recorded.and_then(|object| self.link(name, link_name(name), object));
-        // Only where results are read off: a link costs as much as the rest of a cached node.
-        for file in entry.files.iter().filter(|_| node.is_last) {
-            self.link(name, format!("{}.{}", file_name(name), file_name(&file.name)), file.object);
+        // A link costs as much as the rest of a cached node, so large runs link only what they made.
+        let is_linked = state == NodeState::Ran || self.manifest.nodes.len() <= LINKED_WHEN_CACHED;
+        let recorded = entry.recording.as_ref().and_then(|recording| self.store.path_of(recording.object));
+        let recording = recorded.and_then(|object| match is_linked {
+            true => self.link(name, link_name(name), &object),
+            false => self.dir.seen_from(&object).into_os_string().into_string().ok(),
+        });
+        // Only where results are read off.
+        for file in entry.files.iter().filter(|_| is_linked && node.is_last) {
+            if let Some(object) = self.store.path_of(file.object) {
+                self.link(name, format!("{}.{}", file_name(name), file_name(&file.name)), &object);
+            }
         }
         let outcome = &mut self.manifest.nodes[run.row].outcome;
         outcome.end_with(state, entry);
@@ -117,8 +130,8 @@ impl<'a> Journal<'a> {
     }
 
     /// Gives an object a name in the folder of the run, where that is possible.
-    fn link(&self, node: &str, name: String, object: Digest) -> Option<String> {
-        match self.dir.link(&name, &self.store.path_of(object)?) {
+    fn link(&self, node: &str, name: String, object: &Path) -> Option<String> {
+        match self.dir.link(&name, object) {
             Ok(()) => Some(name),
             Err(error) => {
                 self.warn(node, format!("{error:#}"));
@@ -155,6 +168,7 @@ impl<'a> Journal<'a> {
             path: self.dir.path.clone(),
             state: self.manifest.state,
             nodes: reports.collect(),
+            manifest: self.manifest,
             wall_secs: self.events.elapsed_secs(),
         };
         self.events.emit(&Event::RunFinished {

@@ -152,7 +152,7 @@ impl<'a> Scheduler<'a> {
             }
             let key = key.clone();
             let Some(lock) = self.store.try_lock(key.digest)? else {
-                self.say_waiting(id);
+                self.say_waiting(id, key.digest);
                 continue;
             };
             // Another node or process may have made the key since it was looked up.
@@ -193,12 +193,17 @@ impl<'a> Scheduler<'a> {
         Job::of(node, node.inputs.iter().map(|(_, sources)| inputs(sources)).collect(), self.options.cores)
     }
 
-    fn say_waiting(&mut self, id: NodeId) {
-        if let Some(node) = &mut self.nodes[id]
-            && !std::mem::replace(&mut node.has_said_waiting, true)
-        {
+    /// Says which process works on the key of a node: once, and again when that process was stopped.
+    fn say_waiting(&mut self, id: NodeId, key: Digest) {
+        let Some(node) = &mut self.nodes[id] else { return };
+        if !node.waiting.is_due() {
+            return;
+        }
+        let holder = self.store.holder(key);
+        if node.waiting.is_news(holder) {
+            let by = holder.map_or_else(|| "another process".to_owned(), |holder| holder.to_string());
             let name = &self.order.graph.nodes[id].name;
-            self.journal.say(name, "another process works on it; waiting for its result");
+            self.journal.say(name, &format!("{by} works on it; waiting for its result"));
         }
     }
 

@@ -1,10 +1,42 @@
 //! Where one node of a run stands.
 
+#![allow(clippy::disallowed_methods, reason = "a clock spaces questions to the system; no key or result holds a time")]
+
+use std::time::{Duration, Instant};
+
 use crate::{
     digest::Digest,
     run::{events::NodeState, execute::Failure},
-    store::{Entry, Key, KeyLock},
+    store::{Entry, Holder, Key, KeyLock},
 };
+
+/// The least time between two questions about who holds a lock.
+const ASK_EVERY: Duration = Duration::from_secs(5);
+
+/// What the user was told about another process that works on a node's key.
+#[derive(Debug, Default)]
+pub(super) struct Waiting {
+    asked: Option<Instant>,
+    /// Whether the process was stopped when the user was last told.
+    said_stopped: Option<bool>,
+}
+
+impl Waiting {
+    /// Whether it is time to ask who holds the lock.
+    pub(super) fn is_due(&mut self) -> bool {
+        let is_due = self.asked.is_none_or(|asked| asked.elapsed() > ASK_EVERY);
+        if is_due {
+            self.asked = Some(Instant::now());
+        }
+        is_due
+    }
+
+    /// Whether the user does not know this about the holder yet.
+    pub(super) fn is_news(&mut self, holder: Option<Holder>) -> bool {
+        let now = Some(holder.is_some_and(|holder| holder.is_stopped));
+        std::mem::replace(&mut self.said_stopped, now) != now
+    }
+}
 
 /// A wanted node in a run.
 #[derive(Debug)]
@@ -19,8 +51,8 @@ pub(super) struct NodeRun {
     pub(super) made: Option<Digest>,
     /// How often its output was found damaged in this run.
     repairs: u32,
-    /// Whether the user was told that another process works on it.
-    pub(super) has_said_waiting: bool,
+    /// What the user was told about a process that works on its key.
+    pub(super) waiting: Waiting,
 }
 
 /// Where a wanted node stands.
@@ -43,7 +75,7 @@ pub(super) enum Phase {
 impl NodeRun {
     /// A node that waits.
     pub(super) fn new(row: usize) -> Self {
-        Self { phase: Phase::Waiting, row, worked_secs: 0.0, made: None, repairs: 0, has_said_waiting: false }
+        Self { phase: Phase::Waiting, row, worked_secs: 0.0, made: None, repairs: 0, waiting: Waiting::default() }
     }
 
     /// The key that the node works on.
