@@ -59,6 +59,7 @@ fn is_agent(controller: &Controller) -> bool {
 
 impl Artifact for Evaluation {
     const TYPE: &'static str = "evaluation";
+    const MAY_BE_MISSING: &'static [&'static str] = &["share_of_ceiling"];
 
     fn save(&self) -> anyhow::Result<Files> {
         Ok(Files::from([("evaluation.json".to_owned(), json(self)?)]))

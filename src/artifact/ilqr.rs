@@ -1,5 +1,7 @@
 //! The settings of iLQR, as an artifact.
 
+use anyhow::ensure;
+
 use super::{Artifact, Files, json, tensors::file};
 use crate::control::Ilqr;
 
@@ -11,6 +13,9 @@ impl Artifact for Ilqr {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        Ok(serde_json::from_slice(&file(files, "ilqr.json")?)?)
+        let settings: Self = serde_json::from_slice(&file(files, "ilqr.json")?)?;
+        let plans = settings.uniform_plans.saturating_add(settings.bang_bang_plans);
+        ensure!(settings.plan_length > 0 && plans > 0, "{plans} plans of {} steps", settings.plan_length);
+        Ok(settings)
     }
 }

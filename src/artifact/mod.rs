@@ -3,6 +3,7 @@
 mod agent;
 mod collected;
 mod evaluation;
+mod finite;
 mod ilqr;
 mod latent_map;
 mod lce_model;
@@ -14,6 +15,7 @@ mod transitions;
 pub use crate::store::Files;
 pub use collected::Collected;
 pub use evaluation::{EpisodeResult, Evaluation};
+pub use finite::must_be_finite;
 pub use latent_map::{Codes, LatentAxis, LatentMap};
 pub use lce_model::TrainedModel;
 pub use summary::{MetricSummary, ResultSummary};
@@ -28,6 +30,9 @@ pub trait Artifact: Sized + Send + 'static {
     const TYPE: &'static str;
     /// Other types of artifact that can be read from the same files. A port that takes one of them takes this too.
     const READABLE_AS: &'static [&'static str] = &[];
+    /// Keys of JSON files whose value may be `null`, because nothing was measured. All other numbers are finite: files with
+    /// other ones are neither published nor read.
+    const MAY_BE_MISSING: &'static [&'static str] = &[];
 
     /// Writes the value as files.
     fn save(&self) -> anyhow::Result<Files>;

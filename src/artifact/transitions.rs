@@ -43,6 +43,24 @@ impl Transitions {
         self.picture.0 * self.picture.1
     }
 
+    /// Bytes that `count` transitions with observations of so many pixels take: in memory, laid out as a tensor, and as
+    /// the bytes of a file.
+    pub fn memory(count: u64, pixels: usize) -> u64 {
+        count.saturating_mul(2 * 3 * pixels as u64)
+    }
+
+    /// Makes room for `count` more transitions.
+    ///
+    /// # Errors
+    /// The machine has not so much memory.
+    pub fn reserve(&mut self, count: usize) -> Result<(), std::collections::TryReserveError> {
+        let pixels = count.saturating_mul(self.pixels());
+        self.observations.try_reserve_exact(pixels)?;
+        self.next_observations.try_reserve_exact(pixels)?;
+        self.actions.try_reserve_exact(count.saturating_mul(self.action_dim))?;
+        self.goal_index.try_reserve_exact(count)
+    }
+
     /// Adds a transition.
     pub fn push(&mut self, observation: &[u8], action: &[f32], next_observation: &[u8], goal: u32) {
         self.observations.extend_from_slice(observation);

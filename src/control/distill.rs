@@ -10,7 +10,8 @@ use crate::nn::{
     mlp::Pass,
 };
 
-/// One Adam step that minimises the mean of KL(student || teacher), and returns this mean.
+/// One Adam step that minimises the mean of KL(student || teacher). Returns this mean, and whether the student's
+/// parameters are finite after the step.
 ///
 /// `inputs` are whitened (z, z_g) under the new encoder. `teacher` holds the old policy's Gaussians at the same
 /// observations, one column each.
@@ -21,7 +22,7 @@ pub fn step(
     pass: &mut Pass<f32, 3>,
     gradient: &mut [f32],
     (inputs, teacher): (&[f32], &[f32]),
-) -> f64 {
+) -> (f64, bool) {
     let width = 2 * student.action;
     let samples = teacher.len() / width;
     let net = student.nets.actor.mlp;
@@ -36,6 +37,7 @@ pub fn step(
     }
     net.backward(&student.actor.arena, &mut pass, None);
     net.gradient(1, gradient, Accumulate::Replace, inputs, &pass);
-    adam.step(1, AdamSettings { learning_rate, weight_decay: 0.0 }, &mut student.actor.arena, gradient);
-    sum / samples as f64
+    let settings = AdamSettings { learning_rate, weight_decay: 0.0 };
+    let is_finite = adam.step(1, settings, &mut student.actor.arena, gradient);
+    (sum / samples as f64, is_finite)
 }

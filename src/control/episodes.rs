@@ -84,7 +84,7 @@ pub fn draw_goals(count: usize, goals: usize, rng: &mut Rng) -> Vec<usize> {
 /// Runs a policy from where the simulator stands. `watch` sees the simulator after every step.
 ///
 /// # Errors
-/// Whatever keeps the simulator from working.
+/// Whatever keeps the simulator from working, and an action that is not finite.
 pub fn run(
     simulator: &mut dyn Simulator,
     policy: &mut dyn Policy,
@@ -112,6 +112,9 @@ pub fn run(
         }
         if is_stuck && episode.unstick == Unstick::Random {
             draw_uniformly(&mut action, rng);
+        }
+        if let Some(bad) = action.iter().find(|number| !number.is_finite()) {
+            anyhow::bail!("the policy's action in step {step} is {bad}: its weights are finite, but too large");
         }
         simulator.step(&action, rng)?;
         watch(simulator);

@@ -161,6 +161,10 @@ impl Simulator for Simulation {
 
     fn restore(&mut self, snapshot: &Snapshot, goal: usize) -> anyhow::Result<()> {
         self.set_goal(goal)?;
+        let Snapshot { before, state } = snapshot;
+        let width = self.goals[goal].len();
+        let fits = |state: &[f64]| state.len() == width && state.iter().all(|number| number.is_finite());
+        anyhow::ensure!(fits(before) && fits(state), "a state of the task is {width} finite numbers");
         self.now = snapshot.clone();
         Ok(())
     }

@@ -100,10 +100,15 @@ impl MapChecks {
         )
     }
 
+    /// Whether codes are not numbers, though all weights may be finite.
+    pub fn is_diverged(&self) -> bool {
+        self.alignment.is_nan()
+    }
+
     /// A score by which maps are compared; a higher one is better, and -inf means that training diverged. `scale` is the
     /// anchor's scale. Below 1 an action moves a code too little to measure alignment, so alignment does not count.
     pub fn score(&self, scale: f64) -> f64 {
-        if self.alignment.is_nan() {
+        if self.is_diverged() {
             f64::NEG_INFINITY
         } else if self.spread < 1.0 {
             self.spread - 1.0

@@ -18,7 +18,17 @@ use crate::{
 ///
 /// `codes` holds E(·|x) and E(·|x') of every transition in turn, `actions` one column for every transition. The step
 /// size falls linearly from `learning_rate` to zero.
-pub fn refit(model: &mut LceModel, codes: &[f32], actions: &[f32], steps: u64, learning_rate: f64, rng: &mut Rng) {
+///
+/// # Errors
+/// The number of the first step after which a parameter of F is not finite.
+pub fn refit(
+    model: &mut LceModel,
+    codes: &[f32],
+    actions: &[f32],
+    steps: u64,
+    learning_rate: f64,
+    rng: &mut Rng,
+) -> Result<(), u64> {
     let (n, a) = (model.sizes.latent, model.sizes.action);
     let net = model.nets.dynamics;
     let parameters = net.layers[0].at..net.layers[2].at + net.layers[2].len();
@@ -42,8 +52,11 @@ pub fn refit(model: &mut LceModel, codes: &[f32], actions: &[f32], steps: u64, l
         net.gradient(1, &mut gradient, Accumulate::Replace, &z_u, &pass);
         let learning_rate_scale = 1.0 - step as f64 / steps as f64;
         let settings = AdamSettings { learning_rate: learning_rate * learning_rate_scale, weight_decay: 0.0 };
-        adam.step(1, settings, &mut model.arena[parameters.clone()], &gradient[parameters.clone()]);
+        if !adam.step(1, settings, &mut model.arena[parameters.clone()], &gradient[parameters.clone()]) {
+            return Err(step);
+        }
     }
+    Ok(())
 }
 
 /// The deltas of F for the mean of -ln F(z'|z, u), where `moves` are z' - z. `d_moves` is a buffer of one code.
@@ -92,7 +105,7 @@ mod tests {
             u.fill_with(|| sampling::uniform(&mut rng, -1.0, 1.0));
             (code[4], code[5]) = (code[0] + u[0] + 0.5 * code[1], code[1] + 0.5 * u[1]);
         }
-        refit(&mut model, &codes, &actions, 1500, 5e-3, &mut rng);
+        refit(&mut model, &codes, &actions, 1500, 5e-3, &mut rng).unwrap();
 
         let z: Vec<f32> = codes.chunks_exact(8).flat_map(|code| &code[..2]).copied().collect();
         let predicted = model.predict_mean(&z, &actions);

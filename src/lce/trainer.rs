@@ -71,6 +71,7 @@ pub struct Trainer<T = f32> {
     dropout: f64,
     backend: Box<dyn TrainingBackend<T>>,
     batch: Gathered<T>,
+    is_finite: bool,
 }
 
 /// Buffers that a batch is gathered into.
@@ -118,7 +119,7 @@ impl<T: Real> Trainer<T> {
         settings: AdamSettings,
         backend: Box<dyn TrainingBackend<T>>,
     ) -> Self {
-        Self { model, adam, settings, dropout: 0.0, backend, batch: Gathered::default() }
+        Self { model, adam, settings, dropout: 0.0, backend, batch: Gathered::default(), is_finite: true }
     }
 
     /// The networks' inputs lose this share of their patches, other patches at every step; see
@@ -130,6 +131,11 @@ impl<T: Real> Trainer<T> {
     /// Changes the optimiser's step size and decay.
     pub fn set_optimizer(&mut self, settings: AdamSettings) {
         self.settings = settings;
+    }
+
+    /// Whether the last step left finite parameters and moments.
+    pub fn is_finite(&self) -> bool {
+        self.is_finite
     }
 
     /// One step of the warm-up on the transitions `which`. `decode` says whether D decodes.
@@ -147,7 +153,7 @@ impl<T: Real> Trainer<T> {
         let images = with_dropout.as_ref().unwrap_or(&data.images);
         let batch = WarmUpBatch { images, pairs, actions, noise, decode };
         let step = self.backend.warm_up(threads, &self.model, settings, &batch);
-        self.adam.step(threads, self.settings, &mut self.model.arena, step.gradient);
+        self.is_finite = self.adam.step(threads, self.settings, &mut self.model.arena, step.gradient);
         step.terms
     }
 
@@ -182,7 +188,7 @@ impl<T: Real> Trainer<T> {
             regularizer: objective.regularizer.map(|_| &by_sample as Regularizer<'_, T>),
         };
         let step = self.backend.loss(threads, &self.model, &objective.weights, &batch);
-        self.adam.step(threads, self.settings, &mut self.model.arena, step.gradient);
+        self.is_finite = self.adam.step(threads, self.settings, &mut self.model.arena, step.gradient);
         step.terms
     }
 }

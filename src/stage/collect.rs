@@ -7,14 +7,18 @@ use anyhow::Context as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Preset, PresetOf, Refusal, Stage, StageCx, controllers::Controllers, generate_data::none_yet, inputs};
+use super::{
+    MOST_STEPS, Memory, Preset, PresetOf, Refusal, Stage, StageCx, controllers::Controllers, count,
+    generate_data::none_yet, inputs, within,
+};
 use crate::{
-    artifact::{Collected, TrainedModel},
+    artifact::{Collected, TrainedModel, Transitions},
     control::{
         Acting, Agent, Controller,
         episodes::{self, Episode, Step, Streams, UnfinishedEpisode, Unstick},
     },
     env::{Simulator, Start},
+    lce::Sizes,
     num::sampling,
     record::{At, Level, topic},
 };
@@ -48,10 +52,15 @@ impl super::Params for Params {
     }
 
     fn check(&self) -> Vec<Refusal> {
-        let mut refusals = super::at_least_one("samples", self.samples);
-        refusals.extend(super::at_least_one("episode", self.episode));
-        super::within(&mut refusals, "explore", self.explore, 0.0, 1.0);
+        let mut refusals = Vec::new();
+        count(&mut refusals, "samples", self.samples, 1..=MOST_STEPS);
+        count(&mut refusals, "episode", self.episode, 1..=MOST_STEPS);
+        within(&mut refusals, "explore", self.explore, 0.0, 1.0);
         refusals
+    }
+
+    fn memory(&self, sizes: &Sizes) -> Option<Memory> {
+        Some(Memory { path: "samples", bytes: Transitions::memory(self.samples, sizes.pixels) })
     }
 
     fn needs(&self) -> &'static [&'static str] {
@@ -83,7 +92,7 @@ impl Stage for Collect {
     fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<Collected> {
         let (mut simulator, spec) = (cx.task.open()?, cx.task.spec());
         let mut rng = cx.rng("episodes");
-        let mut transitions = none_yet(&*simulator, &spec);
+        let mut transitions = none_yet(&*simulator, &spec, params.samples)?;
         let (height, width) = transitions.picture;
         // Goals follow each other in turn, from a random one on.
         let mut goal = sampling::index(&mut rng, spec.goals);

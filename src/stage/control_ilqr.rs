@@ -1,6 +1,6 @@
 //! iLQR, the controller of PCC. This stage learns nothing: it hands on the settings, and the evaluation has the model.
 
-use super::{PresetOf, Refusal, Stage, StageCx, above_zero, inputs, within};
+use super::{PresetOf, Refusal, Stage, StageCx, above_zero, count, inputs};
 use crate::control::Ilqr;
 
 impl super::Params for Ilqr {
@@ -12,13 +12,13 @@ impl super::Params for Ilqr {
         let mut refusals = Vec::new();
         above_zero(&mut refusals, "state_cost", self.state_cost);
         above_zero(&mut refusals, "action_cost", self.action_cost);
-        for (path, count, fewest) in [
-            ("plan_length", self.plan_length, 1.0),
-            ("uniform_plans", self.uniform_plans, 0.0),
-            ("bang_bang_plans", self.bang_bang_plans, 0.0),
-            ("iterations", self.iterations, 1.0),
+        for (path, value, fewest) in [
+            ("plan_length", self.plan_length, 1),
+            ("uniform_plans", self.uniform_plans, 0),
+            ("bang_bang_plans", self.bang_bang_plans, 0),
+            ("iterations", self.iterations, 1),
         ] {
-            within(&mut refusals, path, count as f64, fewest, 1000.0);
+            count(&mut refusals, path, value, fewest..=1000);
         }
         if self.uniform_plans == 0 && self.bang_bang_plans == 0 {
             let why = "must be at least 1 where `bang_bang_plans` is 0".to_owned();

@@ -2,6 +2,7 @@
 
 use anyhow::Context as _;
 
+use super::fits;
 use crate::{
     control::{Acting, Agent, AgentPolicy, Controller, Ilqr, IlqrPolicy, OraclePolicy, Policy},
     env::Task,
@@ -37,6 +38,7 @@ impl<'a> Controllers<'a> {
             Controller::Agent => {
                 let (model, agent) =
                     self.model.zip(self.agent).context("an agent needs the inputs `model` and `agent`")?;
+                fits::agent("agent", agent, model)?;
                 Box::new(AgentPolicy::new(model, agent, acting))
             }
             Controller::Ilqr => {

@@ -56,6 +56,8 @@ pub struct StageCx<'a> {
     pub round: u32,
     stream: Stream,
     host: &'a dyn Host,
+    /// Names of reported metrics that were not finite.
+    not_finite: Vec<String>,
 }
 
 impl std::fmt::Debug for StageCx<'_> {
@@ -74,7 +76,7 @@ impl<'a> StageCx<'a> {
         threads: Threads,
         host: &'a dyn Host,
     ) -> Self {
-        Self { record, task, threads, round, stream, host }
+        Self { record, task, threads, round, stream, host, not_finite: Vec::new() }
     }
 
     /// A random stream for one purpose, such as `"init"` or `("batches", epoch)`. Draws for one purpose never shift the
@@ -126,9 +128,17 @@ impl<'a> StageCx<'a> {
         if self.host.stop_asked() { Err(Interrupted) } else { Ok(()) }
     }
 
-    /// Reports a metric, such as `percent_goal`.
+    /// Reports a metric, such as `percent_goal`. A stage whose headline is not finite fails.
     pub fn metric(&mut self, name: &str, value: f64) {
+        if !value.is_finite() {
+            self.not_finite.push(name.to_owned());
+        }
         self.host.metric(name, value);
+    }
+
+    /// Whether a metric was reported with a value that is not finite.
+    pub(super) fn is_not_finite(&self, metric: &str) -> bool {
+        self.not_finite.iter().any(|name| name == metric)
     }
 
     /// Shows the user a sentence.

@@ -6,7 +6,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::state::Distillation;
-use super::{Preset, PresetOf, Refusal, Stage, StageCx, above_zero, inputs, within};
+use super::{
+    MOST_STEPS, Preset, PresetOf, Refusal, Stage, StageCx, StepScale, above_zero, count, divergence::TrainingStep,
+    fits, inputs, within,
+};
 use crate::{
     artifact::{TrainedModel, Transitions},
     control::{Agent, agent::Whitening, distill},
@@ -39,6 +42,8 @@ impl Default for Params {
 }
 
 impl super::Params for Params {
+    const STEP_SCALES: &'static [StepScale] = &[StepScale::Grows("learning_rate")];
+
     fn preset(of: &PresetOf<'_>) -> Self {
         let general = match of.preset {
             Preset::Recipe => Self::default(),
@@ -48,7 +53,9 @@ impl super::Params for Params {
     }
 
     fn check(&self) -> Vec<Refusal> {
-        let mut refusals = super::at_least_one("batch", self.batch);
+        let mut refusals = Vec::new();
+        count(&mut refusals, "steps", self.steps, 0..=MOST_STEPS);
+        count(&mut refusals, "batch", self.batch, 1..=100_000);
         above_zero(&mut refusals, "learning_rate", self.learning_rate);
         within(&mut refusals, "relabel", self.relabel, 0.0, 1.0);
         refusals
@@ -85,9 +92,11 @@ enum Goal {
 }
 
 impl Codes {
-    fn of(model: &LceModel, transitions: &Transitions) -> Self {
-        let means = |frames: &[u8]| model.encode_means(&model.pictures(frames));
-        Self { latent: model.sizes.latent, data: means(&transitions.frames()), goals: means(&transitions.goals) }
+    fn of(port: &str, model: &LceModel, transitions: &Transitions) -> anyhow::Result<Self> {
+        fits::model(port, model, transitions)?;
+        let means = |frames: &[u8]| fits::finite_codes(port, model.encode_means(&model.pictures(frames)));
+        let (data, goals) = (means(&transitions.frames())?, means(&transitions.goals)?);
+        Ok(Self { latent: model.sizes.latent, data, goals })
     }
 
     fn observation(&self, index: usize) -> &[f32] {
@@ -145,7 +154,10 @@ impl Stage for DistillPolicy {
 
     fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<Agent> {
         let transitions = Transitions::concat(&inputs.transitions)?;
-        let [old, new] = [&inputs.old_model, &inputs.model].map(|model| Codes::of(&model.model, &transitions));
+        let codes = |port, trained: &TrainedModel| Codes::of(port, &trained.model, &transitions);
+        let (old, new) = (codes("old_model", &inputs.old_model)?, codes("model", &inputs.model)?);
+        fits::agent("old_agent", &inputs.old_agent, &inputs.old_model.model)?;
+        fits::agent("old_agent", &inputs.old_agent, &inputs.model.model)?;
         let paired = Paired { teacher: &inputs.old_agent, old, new, relabel: params.relabel };
         let mut state = cx.resume_or(|| {
             let student = student(params, paired.teacher, &paired.new, cx);
@@ -162,8 +174,11 @@ impl Stage for DistillPolicy {
             paired.draw(student, rng, &mut batch);
             let targets = paired.teacher.gaussians(&paired.teacher.acting, &batch.teacher);
             let pair = (&batch.student[..], &targets[..]);
-            state.kl = distill::step(student, adam, params.learning_rate, &mut pass, &mut gradient, pair);
-            cx.record.scalars(topic::TRAIN_DISTILL, At::new(cx.round, 0, state.steps), &[("kl", state.kl)]);
+            let (kl, is_finite) = distill::step(student, adam, params.learning_rate, &mut pass, &mut gradient, pair);
+            state.kl = kl;
+            cx.record.scalars(topic::TRAIN_DISTILL, At::new(cx.round, 0, state.steps), &[("kl", kl)]);
+            let step = TrainingStep { number: state.steps, learning_rate: "learning_rate" };
+            step.must_be_finite(&[("kl", kl)], is_finite)?;
             state.steps += 1;
             if state.steps % 10 == 1 || state.steps == params.steps {
                 cx.tick(state.steps, params.steps, &format!("KL {:.3}", state.kl), &state)?;

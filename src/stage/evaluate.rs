@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     Preset, PresetOf, Refusal, Stage, StageCx, above_zero,
     controllers::{self, Controllers},
-    inputs,
+    count, inputs,
 };
 use crate::{
     artifact::{EpisodeResult, Evaluation, TrainedModel},
@@ -51,7 +51,9 @@ impl super::Params for Params {
     }
 
     fn check(&self) -> Vec<Refusal> {
-        let mut refusals = super::at_least_one("episodes", self.episodes);
+        let mut refusals = Vec::new();
+        // Every state of every episode is kept.
+        count(&mut refusals, "episodes", self.episodes, 1..=100_000);
         above_zero(&mut refusals, "radius", self.radius);
         refusals
     }

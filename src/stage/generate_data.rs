@@ -4,10 +4,11 @@ use anyhow::Context as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{PresetOf, Refusal, Stage, StageCx, inputs, within};
+use super::{MOST_STEPS, Memory, PresetOf, Refusal, Stage, StageCx, count, inputs, within};
 use crate::{
     artifact::Transitions,
     env::{Simulator, Snapshot, Spec, Start, System},
+    lce::Sizes,
     num::{rng::Rng, sampling},
     record::{At, topic},
 };
@@ -60,12 +61,17 @@ impl super::Params for Params {
     }
 
     fn check(&self) -> Vec<Refusal> {
-        let mut refusals = super::at_least_one("samples", self.samples);
-        refusals.extend(super::at_least_one("trajectory", self.trajectory));
+        let mut refusals = Vec::new();
+        count(&mut refusals, "samples", self.samples, 1..=MOST_STEPS);
+        count(&mut refusals, "trajectory", self.trajectory, 1..=MOST_STEPS);
         if let Region::Biased(Bias { preferred_share }) = self.region {
             within(&mut refusals, "region.biased.preferred_share", preferred_share, 0.0, 1.0);
         }
         refusals
+    }
+
+    fn memory(&self, sizes: &Sizes) -> Option<Memory> {
+        Some(Memory { path: "samples", bytes: Transitions::memory(self.samples, sizes.pixels) })
     }
 }
 
@@ -88,7 +94,7 @@ impl Stage for GenerateData {
         let (mut simulator, spec) = (cx.task.open()?, cx.task.spec());
         let states = States { system: cx.task.system(), task: cx.task.name(), spec: &spec, params };
         let mut rng = cx.rng("transitions");
-        let mut transitions = none_yet(&*simulator, &spec);
+        let mut transitions = none_yet(&*simulator, &spec, params.samples)?;
         let (height, width) = transitions.picture;
         for sample in 0..params.samples {
             if sample % params.trajectory == 0 {
@@ -151,12 +157,15 @@ fn random_action(spec: &Spec, rng: &mut Rng) -> Vec<f32> {
     spec.action_limit.iter().map(|_| sampling::uniform(rng, -1.0, 1.0)).collect()
 }
 
-/// No transitions of a task, with its goal images.
-pub(super) fn none_yet(simulator: &dyn Simulator, spec: &Spec) -> Transitions {
-    Transitions {
+/// No transitions of a task, with its goal images and with memory for `samples` transitions.
+pub(super) fn none_yet(simulator: &dyn Simulator, spec: &Spec, samples: u64) -> anyhow::Result<Transitions> {
+    let mut transitions = Transitions {
         picture: spec.frames.observation(),
         action_dim: spec.action_limit.len(),
         goals: (0..spec.goals).flat_map(|goal| simulator.goal_image(goal)).collect(),
         ..Transitions::default()
-    }
+    };
+    let reserved = transitions.reserve(samples as usize);
+    reserved.with_context(|| format!("no memory for {samples} transitions: lower `samples`"))?;
+    Ok(transitions)
 }

@@ -1,8 +1,9 @@
 //! The ports of a kind: which artifacts it takes, how many of each, and how it reads them.
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, anyhow, bail};
 
-use crate::artifact::{Artifact, Files};
+use super::registry;
+use crate::artifact::{Artifact, Files, must_be_finite};
 
 /// How many artifacts a port takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -50,7 +51,7 @@ impl<T: Artifact> PortField for T {
     const ARTIFACT: &'static str = T::TYPE;
     fn load(files: &[&Files]) -> anyhow::Result<Self> {
         let [files] = files else { bail!("takes one {}, but got {}", T::TYPE, files.len()) };
-        T::load(files)
+        read(files)
     }
 }
 
@@ -60,7 +61,7 @@ impl<T: Artifact> PortField for Option<T> {
     fn load(files: &[&Files]) -> anyhow::Result<Self> {
         match files {
             [] => Ok(None),
-            [files] => T::load(files).map(Some),
+            [files] => read(files).map(Some),
             more => bail!("takes at most one {}, but got {}", T::TYPE, more.len()),
         }
     }
@@ -70,8 +71,20 @@ impl<T: Artifact> PortField for Vec<T> {
     const ARITY: Arity = Arity::Many;
     const ARTIFACT: &'static str = T::TYPE;
     fn load(files: &[&Files]) -> anyhow::Result<Self> {
-        files.iter().map(|files| T::load(files)).collect()
+        files.iter().map(|files| read(files)).collect()
     }
+}
+
+/// Reads an artifact, whose numbers must be finite. Those of an older store may not be.
+fn read<T: Artifact>(files: &Files) -> anyhow::Result<T> {
+    let value = T::load(files)?;
+    must_be_finite(files, T::MAY_BE_MISSING).map_err(|error| {
+        let makers = registry().iter().filter(|kind| kind.gives(T::TYPE)).map(|kind| format!("`{}`", kind.name));
+        let makers = makers.collect::<Vec<_>>().join(" or ");
+        let maker = if makers.is_empty() { String::new() } else { format!(", made by {makers}") };
+        anyhow!("{error:#}{maker}: `carl-pipe run FILE --force=STAGE` makes it again")
+    })?;
+    Ok(value)
 }
 
 /// The typed inputs of a kind; written with the `inputs!` macro.

@@ -4,10 +4,14 @@ use anyhow::Context as _;
 use serde_json::Value;
 
 use super::{
-    InputFiles, Inputs as _, Params as _, Port, PresetOf, Refusal, Stage, StageCx, collect, control_ilqr,
-    distill_policy, evaluate, export_latent_map, generate_data, summarize, train_lce, train_sac,
+    InputFiles, Inputs as _, Memory, Params, Port, PresetOf, Refusal, Stage, StageCx, collect, control_ilqr,
+    distill_policy, divergence, evaluate, export_latent_map, generate_data, network_sizes, summarize, train_lce,
+    train_sac,
 };
-use crate::artifact::{Artifact as _, Files};
+use crate::{
+    artifact::{Artifact as _, Files, must_be_finite},
+    env::Task,
+};
 
 /// A kind of stage without its Rust types: the pipeline checks files against it, and the scheduler runs it.
 pub struct Kind {
@@ -31,8 +35,8 @@ pub struct Kind {
     pub schema: fn() -> schemars::Schema,
     /// Writes equal parameters as equal JSON: `7` for a float becomes `7.0`, and keys take the order of the fields.
     pub canonical: fn(&Value) -> Result<Value, serde_json::Error>,
-    /// The parameters that are out of range. All parameters are given.
-    pub check: fn(&Value) -> Result<Vec<Refusal>, serde_json::Error>,
+    /// The parameters that are out of range, or ask for too much memory in a task. All parameters are given.
+    pub check: fn(&Value, &Task) -> Result<Vec<Refusal>, serde_json::Error>,
     /// The optional inputs that the parameters need. All parameters are given.
     pub needs: fn(&Value) -> Result<&'static [&'static str], serde_json::Error>,
     /// Does the work. Takes all parameters and the verified files of the inputs, and returns the files of the output.
@@ -64,16 +68,36 @@ impl Kind {
             preset: |of| serde_json::to_value(S::Params::preset(of)).expect("parameters are plain data"),
             schema: || schemars::schema_for!(S::Params),
             canonical: |params| serde_json::to_value(serde_json::from_value::<S::Params>(params.clone())?),
-            check: |params| serde_json::from_value::<S::Params>(params.clone()).map(|params| params.check()),
-            needs: |params| serde_json::from_value::<S::Params>(params.clone()).map(|params| params.needs()),
-            run: |params, inputs, cx| {
-                let params: S::Params = serde_json::from_value(params.clone())?;
-                let inputs = S::Inputs::load(inputs)?;
-                let output = S::run(&params, inputs, cx)?;
-                output.save().with_context(|| format!("cannot lay out {}", S::Output::TYPE))
+            check: |params, task| {
+                serde_json::from_value(params.clone()).map(|params| check::<S::Params>(&params, task))
             },
+            needs: |params| serde_json::from_value::<S::Params>(params.clone()).map(|params| params.needs()),
+            run: run::<S>,
         }
     }
+}
+
+fn check<P: Params>(params: &P, task: &Task) -> Vec<Refusal> {
+    let mut refusals = params.check();
+    // A value that is out of range asks for no sensible amount.
+    if refusals.is_empty() {
+        refusals.extend(params.memory(&network_sizes(task)).and_then(Memory::refusal));
+    }
+    refusals
+}
+
+/// Runs a stage. Neither its headline metric nor its files hold a number that is not finite.
+fn run<S: Stage>(params: &Value, inputs: &InputFiles<'_>, cx: &mut StageCx<'_>) -> anyhow::Result<Files> {
+    let typed: S::Params = serde_json::from_value(params.clone())?;
+    let inputs = S::Inputs::load(inputs)?;
+    let made = S::run(&typed, inputs, cx);
+    let output = made.map_err(|error| divergence::with_cause::<S::Params>(error, params, cx.task))?;
+    if let Some(headline) = S::HEADLINE {
+        anyhow::ensure!(!cx.is_not_finite(headline), "the metric `{headline}` is not finite");
+    }
+    let files = output.save().with_context(|| format!("cannot lay out {}", S::Output::TYPE))?;
+    must_be_finite(&files, S::Output::MAY_BE_MISSING)?;
+    Ok(files)
 }
 
 /// The kinds that come with the program, in the order of a pipeline.
@@ -114,10 +138,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::{
-        env::{self, Task},
-        stage::Preset,
-    };
+    use crate::{env, stage::Preset};
 
     /// Whether `whole` has every entry of `part`, with a number equal to `7` where `part` has `7.0`.
     fn contains(whole: &Value, part: &Value) -> bool {
@@ -143,7 +164,7 @@ mod tests {
                         let declared = task.defaults(kind.name, preset, given);
                         let place = format!("{} of {} for {objective}: {declared}", kind.name, task.name());
                         assert!(contains(&params, &declared), "{place} in {params}");
-                        assert_eq!((kind.check)(&params).unwrap(), [], "{place}");
+                        assert_eq!((kind.check)(&params, &task).unwrap(), [], "{place}");
                     }
                 }
             }

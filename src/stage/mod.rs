@@ -7,8 +7,10 @@ mod control_ilqr;
 mod controllers;
 mod cx;
 mod distill_policy;
+mod divergence;
 mod evaluate;
 mod export_latent_map;
+mod fits;
 mod generate_data;
 mod inputs;
 mod kind;
@@ -24,12 +26,13 @@ use crate::artifact::Artifact;
 
 pub use crate::env::Preset;
 pub use cx::{Host, Interrupted, StageCx};
+pub use divergence::{Diverged, StepScale};
 pub(crate) use inputs::inputs;
 pub use inputs::{Arity, InputFiles, Inputs, Port, PortField, load_port};
 pub use kind::{Kind, kind, registry, registry_with};
 pub use networks::network_sizes;
 pub(crate) use params::NoParams;
-pub use params::{Params, PresetOf, Refusal, above_zero, at_least_one, within};
+pub use params::{MOST_MEMORY, MOST_PASSES, MOST_STEPS, Memory, Params, PresetOf, Refusal, above_zero, count, within};
 pub use state::StageState;
 
 /// One kind of stage: it takes typed parameters and inputs, and makes one artifact.

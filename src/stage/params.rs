@@ -1,20 +1,30 @@
 //! The parameters of a kind: their defaults, and the values that are refused.
 
+use std::ops::RangeInclusive;
+
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
 
-use super::Preset;
-use crate::env::Task;
+use super::{Preset, StepScale};
+use crate::{env::Task, lce::Sizes};
 
 /// The parameters of a kind. Derive `Serialize`, `Deserialize` (with `deny_unknown_fields, default`) and `JsonSchema`.
 /// The documentation of the fields becomes help text. [`Params::preset`] fills the parameters that a file leaves out.
 pub trait Params: Serialize + DeserializeOwned + Default + schemars::JsonSchema {
+    /// The parameters that scale a training step. Where training diverges, one of them is named as the likely cause.
+    const STEP_SCALES: &'static [StepScale] = &[];
+
     /// The values of a preset for a task.
     fn preset(of: &PresetOf<'_>) -> Self;
 
     /// The values that are out of range.
     fn check(&self) -> Vec<Refusal> {
         Vec::new()
+    }
+
+    /// The memory that these parameters ask for, with networks of these widths. More than [`MOST_MEMORY`] is refused.
+    fn memory(&self, _: &Sizes) -> Option<Memory> {
+        None
     }
 
     /// The optional inputs that these parameters need.
@@ -57,9 +67,39 @@ pub fn within(refusals: &mut Vec<Refusal>, path: &'static str, value: f64, low: 
     }
 }
 
-/// Refuses a count of zero.
-pub fn at_least_one(path: &'static str, value: u64) -> Vec<Refusal> {
-    if value == 0 { vec![Refusal { path, why: "must be at least 1".to_owned() }] } else { Vec::new() }
+/// Refuses a count outside a range.
+pub fn count(refusals: &mut Vec<Refusal>, path: &'static str, value: u64, range: RangeInclusive<u64>) {
+    let (fewest, most) = range.into_inner();
+    if value < fewest {
+        refusals.push(Refusal { path, why: format!("must be at least {fewest}") });
+    } else if value > most {
+        refusals.push(Refusal { path, why: format!("must be at most {most}, but is `{value}`") });
+    }
+}
+
+/// The most steps, samples and the like that a parameter may ask for. They cost time; memory has a bound of its own.
+pub const MOST_STEPS: u64 = 1_000_000_000;
+/// The most passes over the data that a parameter may ask for.
+pub const MOST_PASSES: u64 = 1_000_000;
+/// The most bytes that the parameters of a stage may ask for: 64 GiB, on every machine.
+pub const MOST_MEMORY: u64 = 64 << 30;
+
+/// An estimate of the memory that parameters ask for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Memory {
+    /// The parameter to lower.
+    pub path: &'static str,
+    /// Bytes.
+    pub bytes: u64,
+}
+
+impl Memory {
+    /// Refuses more than [`MOST_MEMORY`].
+    pub(super) fn refusal(self) -> Option<Refusal> {
+        let gib = |bytes: u64| (bytes as f64 / (1_u64 << 30) as f64).ceil();
+        let why = || format!("needs about {} GiB of memory; the most is {} GiB", gib(self.bytes), gib(MOST_MEMORY));
+        (self.bytes > MOST_MEMORY).then(|| Refusal { path: self.path, why: why() })
+    }
 }
 
 /// What the defaults of a kind may depend on.

@@ -15,7 +15,7 @@ use self::{
     params::{Params, Slopes},
     state::{Attempt, Training},
 };
-use super::{Stage, StageCx, inputs, network_sizes};
+use super::{Diverged, Stage, StageCx, divergence::TrainingStep, fits, inputs, network_sizes};
 use crate::{
     artifact::{TrainedModel, Transitions},
     control::Agent,
@@ -53,10 +53,11 @@ impl Stage for TrainLce {
 
     fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<TrainedModel> {
         let transitions = &Transitions::concat(&inputs.transitions)?;
+        inputs.fit(transitions)?;
         let setup = Setup {
             params,
             transitions,
-            regularizer: terms::l_reg(params, &inputs, transitions),
+            regularizer: terms::l_reg(params, &inputs, transitions)?,
             guidance: terms::value_guided(params, &inputs, transitions, cx)?,
             has_warm_start: inputs.warm_start.is_some(),
         };
@@ -65,17 +66,7 @@ impl Stage for TrainLce {
             None => Ok(Training::new(new_model(0, params, transitions, cx)?)),
         })?;
         let scale = params.warm_up.loss.scale;
-        let (kept, checks) = loop {
-            let trained = setup.train(&mut training, cx)?;
-            let attempt = Attempt { number: training.attempt, trained };
-            let (best, checks) = better_map(training.best.take(), attempt, transitions, scale);
-            let Some(fault) = checks.fault(scale).filter(|_| training.attempt < params.restarts) else {
-                break (best, checks);
-            };
-            let next = training.attempt + 1;
-            warn(cx, &training, &format!("{fault}; retraining from new weights ({next} of {})", params.restarts));
-            training.begin_again(best, new_model(next, params, transitions, cx)?);
-        };
+        let (kept, checks) = best_of_attempts(&setup, &mut training, cx)?;
         if kept.number < training.attempt {
             warn(cx, &training, &format!("kept attempt {} of {}", kept.number + 1, training.attempt + 1));
         }
@@ -87,6 +78,59 @@ impl Stage for TrainLce {
         }
         report(cx, training.attempt, &checks);
         Ok(TrainedModel { suspect_goals, ..kept.trained })
+    }
+}
+
+impl Inputs {
+    /// Refuses inputs that do not fit each other.
+    fn fit(&self, transitions: &Transitions) -> anyhow::Result<()> {
+        anyhow::ensure!(!transitions.is_empty(), "there are no transitions to learn from");
+        let Some(start) = &self.warm_start else { return Ok(()) };
+        fits::model("warm_start", &start.model, transitions)?;
+        self.policy.iter().try_for_each(|agent| fits::agent("policy", agent, &start.model))?;
+        self.value.iter().try_for_each(|agent| fits::agent("value", agent, &start.model))
+    }
+}
+
+/// Trains until the best map passes its checks, or no retraining is left. Gives the best map and its checks. An attempt
+/// that diverges gives no map; if all do, so does the stage.
+fn best_of_attempts(
+    setup: &Setup<'_>,
+    training: &mut Training,
+    cx: &mut StageCx<'_>,
+) -> anyhow::Result<(Attempt, MapChecks)> {
+    let (params, transitions) = (setup.params, setup.transitions);
+    let scale = params.warm_up.loss.scale;
+    loop {
+        let trained = setup.train(training, cx);
+        let earlier = training.best.take();
+        let is_last = training.attempt >= params.restarts;
+        let (best, fault) = match trained {
+            Ok(trained) => {
+                let attempt = Attempt { number: training.attempt, trained };
+                let (best, checks) = better_map(earlier, attempt, transitions, scale);
+                match checks.fault(scale) {
+                    Some(fault) if !is_last => (Some(best).filter(|_| !checks.is_diverged()), fault),
+                    _ if checks.is_diverged() => {
+                        let step = TrainingStep { number: training.all_steps, learning_rate: "learning_rate" };
+                        return Err(step.diverged("codes are not numbers").into());
+                    }
+                    _ => return Ok((best, checks)),
+                }
+            }
+            Err(error) => match (error.downcast::<Diverged>()?, earlier) {
+                (diverged, None) if is_last => return Err(diverged.into()),
+                (diverged, Some(best)) if is_last => {
+                    warn(cx, training, &diverged.to_string());
+                    let checks = check_map(&best.trained.model, transitions);
+                    return Ok((best, checks));
+                }
+                (diverged, earlier) => (earlier, diverged.to_string()),
+            },
+        };
+        let next = training.attempt + 1;
+        warn(cx, training, &format!("{fault}; retraining from new weights ({next} of {})", params.restarts));
+        training.begin_again(best, new_model(next, params, transitions, cx)?);
     }
 }
 

@@ -2,18 +2,22 @@
 
 mod state;
 
+use anyhow::Context as _;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Preset, PresetOf, Refusal, Stage, StageCx, above_zero, inputs, within};
+use super::{
+    MOST_STEPS, Memory, Preset, PresetOf, Refusal, Stage, StageCx, StepScale, above_zero, count,
+    divergence::TrainingStep, fits, inputs, within,
+};
 use crate::{
     artifact::{TrainedModel, Transitions},
     control::{
         Agent,
         agent::Whitening,
-        sac::{Codes, CriticActions, Learner, Reward, Sac, SacTerms, SacTrainer, Temperature, Tuning},
+        sac::{self, Codes, CriticActions, Learner, Reward, Sac, SacTerms, SacTrainer, Temperature, Tuning},
     },
-    lce::LceModel,
+    lce::{LceModel, Sizes},
     num::math,
     record::{At, topic},
 };
@@ -79,6 +83,13 @@ impl Default for Params {
 }
 
 impl super::Params for Params {
+    const STEP_SCALES: &'static [StepScale] = &[
+        StepScale::Grows("critic_learning_rate"),
+        StepScale::Grows("actor_learning_rate"),
+        StepScale::Grows("temperature.tuned.learning_rate"),
+        StepScale::Grows("initial_temperature"),
+    ];
+
     fn preset(of: &PresetOf<'_>) -> Self {
         let general = match of.preset {
             Preset::Recipe => Self::default(),
@@ -95,7 +106,10 @@ impl super::Params for Params {
     }
 
     fn check(&self) -> Vec<Refusal> {
-        let mut refusals = super::at_least_one("steps", self.steps);
+        let mut refusals = Vec::new();
+        count(&mut refusals, "steps", self.steps, 1..=MOST_STEPS);
+        count(&mut refusals, "rollout", self.rollout, 0..=1000);
+        count(&mut refusals, "buffer", self.buffer, 1..=MOST_STEPS);
         for (path, share) in [
             ("discount", self.discount),
             ("tau", self.tau),
@@ -115,9 +129,12 @@ impl super::Params for Params {
         if let Temperature::Tuned(Tuning { learning_rate }) = self.temperature {
             above_zero(&mut refusals, "temperature.tuned.learning_rate", learning_rate);
         }
-        within(&mut refusals, "buffer", self.buffer as f64, 1.0, 1e9);
-        within(&mut refusals, "rollout", self.rollout as f64, 0.0, 1000.0);
         refusals
+    }
+
+    fn memory(&self, sizes: &Sizes) -> Option<Memory> {
+        let tuple = 4 * (3 * sizes.latent + sizes.action) as u64;
+        Some(Memory { path: "buffer", bytes: self.tuples().saturating_mul(tuple) })
     }
 }
 
@@ -146,21 +163,28 @@ impl Stage for TrainSac {
     fn run(params: &Params, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<Agent> {
         let transitions = Transitions::concat(&inputs.transitions)?;
         let model = &inputs.model.model;
+        fits::model("model", model, &transitions)?;
+        inputs.start.iter().try_for_each(|agent| fits::agent("start", agent, model))?;
         let codes = Codes {
-            data: model.encode(&model.pictures(&transitions.observations)),
+            data: fits::finite_codes("model", model.encode(&model.pictures(&transitions.observations)))?,
             actions: transitions.actions.clone(),
-            goals: model.encode_means(&model.pictures(&transitions.goals)),
+            goals: fits::finite_codes("model", model.encode_means(&model.pictures(&transitions.goals)))?,
         };
-        let learner = cx.resume_or(|| {
+        let mut learner = cx.resume_or(|| {
             let agent = inputs.start.unwrap_or_else(|| random_agent(params, model, &codes, cx));
             Ok(Learner::new(agent, params.buffer as usize, cx.rng("updates")))
         })?;
+        let reserved = learner.buffer.reserve(params.tuples() as usize);
+        reserved.with_context(|| format!("no memory for {} tuples: lower `buffer`", params.tuples()))?;
         let mut trainer = SacTrainer::new(learner, model, &codes, params.sac());
         while trainer.learner.steps < params.steps {
             let step = trainer.learner.steps;
             let done = step as f64 / params.steps as f64;
             let terms = trainer.step(cx.threads.get(), 1.0 - (1.0 - params.learning_rate_end_factor) * done);
-            record(cx, step, &terms);
+            let curves = curves(&terms);
+            cx.record.scalars(topic::TRAIN_SAC, At::new(cx.round, 0, step), &curves);
+            let learning_rate = "critic_learning_rate";
+            TrainingStep { number: step, learning_rate }.must_be_finite(&curves, trainer.is_finite())?;
             if step.is_multiple_of(25) || step + 1 == params.steps {
                 let value = terms.value;
                 let note = format!("value {value:.1}");
@@ -180,18 +204,22 @@ fn random_agent(params: &Params, model: &LceModel, codes: &Codes, cx: &StageCx<'
     Agent::new(n, model.sizes.action, whitening, log_alpha, &mut cx.rng("weights"))
 }
 
-fn record(cx: &mut StageCx<'_>, step: u64, terms: &SacTerms) {
-    let curves = [
+fn curves(terms: &SacTerms) -> [(&'static str, f64); 5] {
+    [
         ("critic_loss", terms.critic),
         ("actor_loss", terms.actor),
         ("value", terms.value),
         ("entropy", terms.entropy),
         ("temperature", terms.temperature),
-    ];
-    cx.record.scalars(topic::TRAIN_SAC, At::new(cx.round, 0, step), &curves);
+    ]
 }
 
 impl Params {
+    /// Tuples that the buffer holds at the end.
+    fn tuples(&self) -> u64 {
+        self.buffer.min(self.steps.saturating_mul(sac::BATCH as u64))
+    }
+
     fn sac(&self) -> Sac {
         Sac {
             discount: self.discount,

@@ -5,7 +5,7 @@ use super::{
     trainer::{SacTrainer, Scratch},
 };
 use crate::{
-    control::agent::{clamp_log_sigma, log_sigma_is_free, squash},
+    control::agent::{Trained, clamp_log_sigma, log_sigma_is_free, squash},
     nn::{adam::AdamSettings, mat::Accumulate},
     num::{Real as _, join, simd::vectorize},
 };
@@ -103,6 +103,7 @@ impl SacTrainer<'_> {
         net.gradient(1, actor_gradient, Accumulate::Replace, &state_inputs.data, &actor);
         let learning_rate = self.settings.actor_learning_rate * learning_rate_scale;
         let settings = AdamSettings { learning_rate, weight_decay: 0.0 };
-        self.learner.agent.actor.adam.step(1, settings, &mut self.learner.agent.actor.arena, actor_gradient);
+        let Trained { arena, adam } = &mut self.learner.agent.actor;
+        self.is_finite &= adam.step(1, settings, arena, actor_gradient);
     }
 }

@@ -24,11 +24,12 @@ impl SacTrainer<'_> {
         let [critic_0, critic_1] = &mut self.learner.agent.critics;
         let [pass_0, pass_1] = critics;
         let [gradient_0, gradient_1] = critic_gradients;
-        let (loss_0, loss_1) = join(
+        let ((loss_0, is_finite_0), (loss_1, is_finite_1)) = join(
             threads,
             || regress(net, critic_0, settings, (inputs, targets), pass_0, gradient_0),
             || regress(net, critic_1, settings, (inputs, targets), pass_1, gradient_1),
         );
+        self.is_finite &= is_finite_0 && is_finite_1;
         0.5 * (loss_0 + loss_1)
     }
 
@@ -46,7 +47,7 @@ impl SacTrainer<'_> {
     }
 }
 
-/// One Adam step on J_Q = E[(Q(z, a) - target)² / 2]. Returns J_Q.
+/// One Adam step on J_Q = E[(Q(z, a) - target)² / 2]. Returns J_Q, and whether the critic is finite after the step.
 fn regress(
     net: &Network,
     critic: &mut Trained,
@@ -54,7 +55,7 @@ fn regress(
     (inputs, targets): (&[f32], &[f32]),
     pass: &mut Pass<f32, 3>,
     gradient: &mut [f32],
-) -> f64 {
+) -> (f64, bool) {
     let mut pass = pass.view(BATCH);
     net.mlp.forward(&critic.arena, inputs, &mut pass);
     let mut loss = 0.0;
@@ -66,6 +67,6 @@ fn regress(
     }
     net.mlp.backward(&critic.arena, &mut pass, None);
     net.mlp.gradient(1, gradient, Accumulate::Replace, inputs, &pass);
-    critic.adam.step(1, settings, &mut critic.arena, gradient);
-    loss / BATCH as f64
+    let is_finite = critic.adam.step(1, settings, &mut critic.arena, gradient);
+    (loss / BATCH as f64, is_finite)
 }

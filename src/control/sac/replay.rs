@@ -54,6 +54,15 @@ impl LatentBuffer {
         Self { columns: Vec::with_capacity(capacity.min(RESERVED) * width), width, capacity, next: 0 }
     }
 
+    /// Makes room for `count` tuples in all.
+    ///
+    /// # Errors
+    /// The machine has not so much memory.
+    pub fn reserve(&mut self, count: usize) -> Result<(), std::collections::TryReserveError> {
+        let numbers = count.saturating_mul(self.width);
+        self.columns.try_reserve_exact(numbers.saturating_sub(self.columns.len()))
+    }
+
     /// Adds a tuple.
     pub(super) fn push(&mut self, column: &[f32]) {
         if self.columns.len() < self.capacity * self.width {

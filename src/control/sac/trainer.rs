@@ -53,6 +53,7 @@ pub struct SacTrainer<'a> {
     pub(super) settings: Sac,
     pub(super) bounds: LatentBox,
     pub(super) scratch: Scratch,
+    pub(super) is_finite: bool,
 }
 
 /// Buffers of a step.
@@ -110,12 +111,18 @@ impl<'a> SacTrainer<'a> {
     pub fn new(learner: Learner, model: &'a LceModel, codes: &'a Codes, settings: Sac) -> Self {
         let bounds = LatentBox::around(&codes.data, learner.agent.latent);
         let scratch = Scratch::new(&learner.agent, model, settings.rollout);
-        Self { learner, model, codes, settings, bounds, scratch }
+        Self { learner, model, codes, settings, bounds, scratch, is_finite: true }
+    }
+
+    /// Whether the last update left finite parameters and moments of critics, actor and temperature.
+    pub fn is_finite(&self) -> bool {
+        self.is_finite
     }
 
     /// One update of critics, actor and temperature. `learning_rate_scale` multiplies the step sizes of actor and
     /// critics.
     pub fn step(&mut self, threads: usize, learning_rate_scale: f64) -> SacTerms {
+        self.is_finite = true;
         self.add_tuples();
         let Learner { buffer, rng, .. } = &mut self.learner;
         for tuple in self.scratch.tuples.data.chunks_exact_mut(buffer.width) {
@@ -156,7 +163,7 @@ impl<'a> SacTrainer<'a> {
             Temperature::Tuned(Tuning { learning_rate }) => {
                 let gradient = [(entropy + agent.action as f64) as f32];
                 let settings = AdamSettings { learning_rate, weight_decay: 0.0 };
-                agent.log_alpha.adam.step(1, settings, &mut agent.log_alpha.arena, &gradient);
+                self.is_finite &= agent.log_alpha.adam.step(1, settings, &mut agent.log_alpha.arena, &gradient);
             }
         }
     }

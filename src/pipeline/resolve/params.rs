@@ -135,7 +135,7 @@ impl<'a> ParameterResolver<'a> {
         let defaults = (kind.preset)(&PresetOf { preset, task: &task, given: &given });
         match explicit(kind, &self.schemas[kind.name], defaults, given) {
             Ok(params) => {
-                self.refuse_out_of_range(stage, kind, &params, &table, preset);
+                self.refuse_out_of_range(stage, kind, (&params, &task), &table, preset);
                 self.refuse_without_inputs(stage, kind, &params);
                 Some(params)
             }
@@ -187,8 +187,15 @@ impl<'a> ParameterResolver<'a> {
         chosen.unwrap_or(self.pipeline.preset)
     }
 
-    fn refuse_out_of_range(&mut self, stage: &Stage, kind: &Kind, params: &Json, table: &Table, preset: Preset) {
-        for Refusal { path, why } in (kind.check)(params).unwrap_or_default() {
+    fn refuse_out_of_range(
+        &mut self,
+        stage: &Stage,
+        kind: &Kind,
+        (params, task): (&Json, &Task),
+        table: &Table,
+        preset: Preset,
+    ) {
+        for Refusal { path, why } in (kind.check)(params, task).unwrap_or_default() {
             let message = format!("`{path}` {why}");
             self.mistakes.push(match table.find(path.split('.')) {
                 Some(value) => Diagnostic::at(value.span.clone(), message),

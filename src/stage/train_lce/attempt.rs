@@ -15,7 +15,7 @@ use crate::{
     nn::adam::AdamSettings,
     num::sampling,
     record::At,
-    stage::StageCx,
+    stage::{Diverged, StageCx, divergence::TrainingStep},
 };
 
 /// What every attempt trains with.
@@ -61,7 +61,7 @@ impl Setup<'_> {
         let probe = cx.map_probe();
         let earlier_epochs = state.all_epochs - state.epoch;
         while state.epoch < schedule.epochs {
-            let loss = self.train_epoch(&schedule, &data, state, cx);
+            let loss = self.train_epoch(&schedule, &data, state, cx)?;
             if state.epoch.is_multiple_of(self.params.map_every) || state.epoch + 1 == schedule.epochs {
                 let at = At::new(cx.round, state.all_epochs as u32, state.all_steps - 1);
                 probe.record(&state.trainer.model, cx.record, at);
@@ -76,13 +76,21 @@ impl Setup<'_> {
         if let Slopes::Exact(Refit { refit_steps: steps @ 1.. }) = self.params.slopes {
             let codes = trained.model.encode(&data.images);
             let (rng, learning_rate) = (&mut cx.rng(("refit", state.attempt)), self.params.warm_up.learning_rate);
-            refit(&mut trained.model, &codes, &data.actions, steps, learning_rate, rng);
+            let refitted = refit(&mut trained.model, &codes, &data.actions, steps, learning_rate, rng);
+            let step = |number| TrainingStep { number, learning_rate: "warm_up.learning_rate" };
+            refitted.map_err(|number| step(number).diverged("a weight of F is not finite in the refit"))?;
         }
         Ok(trained)
     }
 
     /// One pass over the transitions in random order. Gives the reconstruction loss of the last batch, in nats.
-    fn train_epoch(&self, schedule: &Schedule, data: &Data, state: &mut Training, cx: &mut StageCx<'_>) -> f64 {
+    fn train_epoch(
+        &self,
+        schedule: &Schedule,
+        data: &Data,
+        state: &mut Training,
+        cx: &mut StageCx<'_>,
+    ) -> Result<f64, Diverged> {
         let params = self.params;
         let is_warm_up = state.epoch < schedule.warm_up_epochs;
         let learning_rate = if is_warm_up { params.warm_up.learning_rate } else { params.learning_rate };
@@ -98,11 +106,14 @@ impl Setup<'_> {
         let mut loss = 0.0;
         for (batch, which) in order.chunks(BATCH).enumerate() {
             let at = state.now(cx.round);
+            state.all_steps += 1;
             let threads = cx.threads.get();
             if is_warm_up {
                 let decodes = state.epoch >= params.warm_up.anchor_epochs;
                 let terms = state.trainer.warm_up_step(threads, data, which, &params.warm_up.loss, decodes, &mut rng);
                 curves::warm_up(cx, at, &terms);
+                let step = TrainingStep { number: at.step, learning_rate: "warm_up.learning_rate" };
+                step.must_be_finite(&terms.named(), state.trainer.is_finite())?;
                 loss = terms.prediction;
             } else {
                 let ramp_step = (state.epoch - schedule.warm_up_epochs) * batches + batch as u64;
@@ -114,10 +125,11 @@ impl Setup<'_> {
                 );
                 let terms = state.trainer.step(threads, data, which, &objective, &mut rng);
                 curves::loss(cx, at, &terms, &objective.weights);
+                let step = TrainingStep { number: at.step, learning_rate: "learning_rate" };
+                step.must_be_finite(&terms.named(), state.trainer.is_finite())?;
                 loss = terms.deterministic;
             }
-            state.all_steps += 1;
         }
-        loss
+        Ok(loss)
     }
 }

@@ -1,19 +1,18 @@
 //! The ranges of the parameters of `train_lce`.
 
-use super::params::{Lambda, LossName, Networks, Params, UNBOUNDED, WarmUpSchedule};
+use super::params::{Lambda, LossName, Networks, Params, Refit, Slopes, UNBOUNDED, WarmUpSchedule};
 use crate::{
     control::guidance::Guidance,
     lce::warm_up::WarmUp,
-    stage::{Refusal, above_zero, at_least_one, within},
+    stage::{MOST_PASSES, MOST_STEPS, Refusal, above_zero, count, within},
 };
 
 /// The parameters that are out of range.
 pub(super) fn out_of_range(params: &Params) -> Vec<Refusal> {
-    let mut refusals = at_least_one("epochs", params.epochs);
-    refusals.extend(at_least_one("map_every", params.map_every));
+    let mut refusals = counts(params);
     within(&mut refusals, "ramp.from", params.ramp.from, 0.0, 1.0);
     if let Networks::PooledPatches(patches) = params.networks {
-        within(&mut refusals, "networks.pooled_patches.side", patches.side as f64, 1.0, 15.0);
+        count(&mut refusals, "networks.pooled_patches.side", patches.side, 1..=15);
         within(&mut refusals, "networks.pooled_patches.dropout", patches.dropout, 0.0, 0.9);
     }
     lambda(&params.lambda, &mut refusals);
@@ -23,6 +22,24 @@ pub(super) fn out_of_range(params: &Params) -> Vec<Refusal> {
     warm_up(&params.warm_up, &mut refusals);
     if let LossName::ValueGuided(settings) = &params.objective {
         guidance(settings, &mut refusals);
+    }
+    refusals
+}
+
+fn counts(params: &Params) -> Vec<Refusal> {
+    let mut refusals = Vec::new();
+    for (path, passes, fewest) in [
+        ("epochs", params.epochs, 1),
+        ("warm_up.epochs", params.warm_up.epochs, 0),
+        ("warm_up.anchor_epochs", params.warm_up.anchor_epochs, 0),
+        ("ramp.epochs", params.ramp.epochs, 0),
+        ("map_every", params.map_every, 1),
+    ] {
+        count(&mut refusals, path, passes, fewest..=MOST_PASSES);
+    }
+    count(&mut refusals, "restarts", params.restarts, 0..=1000);
+    if let Slopes::Exact(Refit { refit_steps }) = params.slopes {
+        count(&mut refusals, "slopes.exact.refit_steps", refit_steps, 0..=MOST_STEPS);
     }
     refusals
 }
@@ -62,6 +79,6 @@ fn guidance(guidance: &Guidance, refusals: &mut Vec<Refusal>) {
     let &Guidance { temperature, discount, samples, bound, .. } = guidance;
     within(refusals, "objective.value_guided.temperature", temperature, 0.0, 1e6);
     within(refusals, "objective.value_guided.discount", discount, 0.01, 1.0);
-    within(refusals, "objective.value_guided.samples", samples as f64, 1.0, 1e4);
+    count(refusals, "objective.value_guided.samples", samples, 1..=10_000);
     within(refusals, "objective.value_guided.bound", bound, 0.0, UNBOUNDED);
 }

@@ -27,7 +27,6 @@ pub(super) fn random_model(
         let (hidden, backward) = ([128; 2], BackwardSizes { z: 10, u: 10, x: 50, joint: 100 });
         sizes = Sizes { images, encoder: hidden, decoder: hidden, backward, ..sizes };
     }
-    anyhow::ensure!(!transitions.is_empty(), "there are no transitions to learn from");
     let background = background(&transitions.frames(), transitions.pixels());
     let model = LceModel::new(sizes, background, rng);
     let adam = Adam::new(model.arena.len());

@@ -6,10 +6,34 @@ use super::{
 };
 use crate::{
     control::guidance::Guidance,
-    stage::{self, Preset, PresetOf, Refusal, Stage as _},
+    stage::{
+        self, Preset, PresetOf, Refusal, Stage as _, StepScale,
+        StepScale::{Grows, Shrinks},
+    },
 };
 
 impl stage::Params for Params {
+    const STEP_SCALES: &'static [StepScale] = &[
+        Grows("learning_rate"),
+        Grows("warm_up.learning_rate"),
+        Grows("weight_decay"),
+        Grows("lambda.encode_decode"),
+        Grows("lambda.prior"),
+        Grows("lambda.prediction"),
+        Grows("lambda.consistency"),
+        Grows("lambda.curvature"),
+        Grows("lambda.regularizer"),
+        Grows("lambda.deterministic"),
+        Grows("lambda.anchor"),
+        Grows("curvature_sigma"),
+        Grows("warm_up.loss.scale"),
+        Grows("warm_up.loss.anchor"),
+        Grows("warm_up.loss.shrink"),
+        Shrinks("warm_up.loss.sigma"),
+        Grows("objective.value_guided.temperature"),
+        Grows("objective.value_guided.bound"),
+    ];
+
     fn preset(of: &PresetOf<'_>) -> Self {
         let objective = match of.chosen("objective") {
             Some("value_guided") => LossName::ValueGuided(Guidance::default()),

@@ -43,9 +43,9 @@ impl Training {
         Self { attempt: 0, epoch: 0, all_epochs: 0, all_steps: 0, trainer: trainer(start), best: None }
     }
 
-    /// Begins the next attempt, and keeps the best of those before it.
-    pub(super) fn begin_again(&mut self, best: Attempt, start: TrainedModel) {
-        self.best = Some(best);
+    /// Begins the next attempt, and keeps the best of those before it; none where all diverged.
+    pub(super) fn begin_again(&mut self, best: Option<Attempt>, start: TrainedModel) {
+        self.best = best;
         self.attempt += 1;
         self.epoch = 0;
         self.trainer = trainer(start);

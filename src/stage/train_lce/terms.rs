@@ -12,7 +12,7 @@ use crate::{
     },
     lce::LceModel,
     record::{At, Level, topic},
-    stage::StageCx,
+    stage::{StageCx, fits},
 };
 
 /// L_reg and its gradient at the code of one transition.
@@ -23,14 +23,15 @@ pub(super) fn l_reg<'a>(
     params: &Params,
     inputs: &'a Inputs,
     transitions: &Transitions,
-) -> Option<OwnedRegularizer<'a>> {
-    let (Some(old), Some(policy)) = (&inputs.warm_start, &inputs.policy) else { return None };
+) -> anyhow::Result<Option<OwnedRegularizer<'a>>> {
+    let (Some(old), Some(policy)) = (&inputs.warm_start, &inputs.policy) else { return Ok(None) };
     if params.lambda.regularizer == 0.0 {
-        return None;
+        return Ok(None);
     }
     let codes = old.model.encode_means(&old.model.pictures(&transitions.observations));
+    let codes = fits::finite_codes("warm_start", codes)?;
     let regularizer = PolicyRegularizer::new(policy, &codes, &goal_codes(&old.model, transitions));
-    Some(Box::new(move |transition, z, weight, d_z| regularizer.at(transition, z, weight, d_z)))
+    Ok(Some(Box::new(move |transition, z, weight, d_z| regularizer.at(transition, z, weight, d_z))))
 }
 
 /// Means of E(·|x_g) of every transition's goal.
@@ -64,6 +65,11 @@ pub(super) fn value_guided(
     let latent = LatentTransitions { now: &now, next: &next, actions: &transitions.actions, goals: &goals };
     let errors = guidance.td_errors(agent, &latent, &mut cx.rng("guidance"));
     let weights = guidance.weights(&errors);
+    anyhow::ensure!(
+        weights.iter().all(|weight| weight.is_finite()),
+        "a value-guided weight is not finite: the TD errors of input `value` reach {:e}",
+        errors.iter().fold(0.0_f32, |most, error| most.max(error.abs()))
+    );
     record_guidance(cx, &errors, &weights);
     Ok(Some(weights))
 }

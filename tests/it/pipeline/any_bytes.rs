@@ -50,7 +50,7 @@ fn hold_promises(graph: &Graph) {
             assert!(fits, "{} {}", node.name, port.name);
             assert!(givers.iter().all(|giver| *giver < at && graph.nodes[*giver].kind.gives(port.artifact)));
         }
-        let refusals = (node.kind.check)(&node.params).expect("explicit parameters are read");
+        let refusals = (node.kind.check)(&node.params, &node.task).expect("explicit parameters are read");
         assert_eq!(refusals, []);
     }
     dag_text(graph);

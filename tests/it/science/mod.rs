@@ -1,9 +1,12 @@
 //! Environments, losses, training and artifacts against golden data.
 
+mod absurd_sizes;
 mod artifacts;
 mod artifacts_python;
 mod determinism;
+mod divergence;
 mod environments;
+mod finite_artifacts;
 mod golden_environments;
 mod golden_losses;
 mod gradients;

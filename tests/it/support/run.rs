@@ -40,7 +40,7 @@ fn adder(name: &'static str, version: u32) -> Kind {
         preset: |_| json!({}),
         schema: || schemars::schema_for!(u32),
         canonical: |params| Ok(params.clone()),
-        check: |_| Ok(Vec::new()),
+        check: |_, _| Ok(Vec::new()),
         needs: |_| Ok(&[]),
         run: add,
     }

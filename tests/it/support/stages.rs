@@ -44,7 +44,7 @@ fn params(kind: &Kind, task: &Task, given: &Value) -> Value {
         params["restarts"] = json!(0);
     }
     lay_over(params.as_object_mut().expect("a table"), &given);
-    assert!((kind.check)(&params).expect("known parameters").is_empty());
+    assert!((kind.check)(&params, task).expect("known parameters").is_empty());
     params
 }
 
