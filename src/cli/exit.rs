@@ -11,6 +11,7 @@ pub(crate) enum Exit {
     Usage = 2,
     PipelineInvalid = 3,
     Store = 4,
+    Damaged = 5,
     ReplayDiffers = 6,
     Busy = 7,
     Stale = 10,
@@ -19,7 +20,7 @@ pub(crate) enum Exit {
 
 /// The meaning of the exit codes, for the end of the help text.
 pub(crate) const CODES: &str = "Exit codes: 0 success, 1 a stage failed, 2 wrong usage, 3 invalid pipeline file, \
-4 error of the store or the system, 6 the replay differs, 7 the store is busy, 10 a node is stale (`status`), \
+4 error of the store or the system (also output that cannot be written), 5 damaged or missing results (`verify`), 6 the replay differs, 7 the store is busy, 10 a node is stale (`status`), \
 130 interrupted (the same command continues the run)";
 
 /// An error that ends the program, and the next step for the user if there is one.

@@ -18,6 +18,7 @@ mod status;
 mod stop;
 mod summary;
 mod table;
+mod verify;
 mod view;
 mod view_program;
 mod why;
@@ -134,6 +135,8 @@ enum Verb {
     Compare(compare::Args),
     /// Run a recorded run again in an empty store and compare every output and recording.
     Replay(replay::Args),
+    /// Read every result and recording, name what is damaged, and make it again.
+    Verify(verify::Args),
     /// Delete old runs and the results that no kept run uses.
     Gc(gc::Args),
     /// Print a completion script for a shell.
@@ -189,6 +192,7 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
         Verb::Table(args) => table::table(&global, &args, kinds),
         Verb::Compare(args) => compare::compare(&global, &args, kinds),
         Verb::Replay(args) => same_bits_everywhere().and_then(|()| replay::replay(&global, &args, kinds)),
+        Verb::Verify(args) => same_bits_everywhere().and_then(|()| verify::verify_verb(&global, &args, kinds)),
         Verb::Gc(args) => gc::gc(&global, &args),
         Verb::Completions { shell } => {
             let mut script = Vec::new();

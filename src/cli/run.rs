@@ -52,6 +52,9 @@ pub(crate) struct Args {
     /// Run nodes even if they are up to date: all nodes, or those of one stage or name; repeatable.
     #[arg(short, long, value_name = "STAGE", num_args = 0..=1, require_equals = true, default_missing_value = "")]
     force: Vec<String>,
+    /// Also run nodes whose recording is gone; their outputs stay the same.
+    #[arg(long, conflicts_with = "force")]
+    repair: bool,
     /// Watch the run live: spawn, connect[=URL], serve[=PORT] or save=FILE.
     #[arg(long, value_name = "SINK")]
     rerun: Option<Sink>,
@@ -76,7 +79,7 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
     let loaded = file::load(&args.file.pipeline, &args.file.changes, kinds, args.json)?;
     let graph = &loaded.graph;
     let wanted = file::pick(graph, &args.targets)?;
-    let force = force(graph, &args.force)?;
+    let force = if args.repair { Force::Unrecorded } else { force(graph, &args.force)? };
     if args.dry_run {
         let plan = plan(graph, &wanted, &global.store_to_read()?, &force)?;
         status::show(graph, &plan, &mut History::new(&global.runs()), args.json, global);

@@ -43,15 +43,29 @@ pub enum Force {
     All,
     /// The nodes with these names, or of these stages.
     Named(BTreeSet<String>),
+    /// The nodes whose recording is missing.
+    Unrecorded,
+}
+
+/// Which results of the store a node takes instead of running.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Takes {
+    /// Any whole output.
+    Any,
+    /// A whole output with its recording.
+    Recorded,
+    /// None.
+    Nothing,
 }
 
 impl Force {
-    /// Whether a node is forced.
-    pub fn has(&self, graph: &Graph, id: NodeId) -> bool {
+    /// Which results of the store a node takes.
+    pub(super) fn takes(&self, graph: &Graph, id: NodeId) -> Takes {
         match self {
-            Self::None => false,
-            Self::All => true,
-            Self::Named(names) => names.iter().any(|name| graph.is_named(id, name)),
+            Self::All => Takes::Nothing,
+            Self::Named(names) if names.iter().any(|name| graph.is_named(id, name)) => Takes::Nothing,
+            Self::Unrecorded => Takes::Recorded,
+            Self::None | Self::Named(_) => Takes::Any,
         }
     }
 }
@@ -69,7 +83,7 @@ pub fn plan(graph: &Graph, wanted: &[bool], store: &dyn ResultStore, force: &For
         let state = if !wanted[id] {
             None
         } else if let Some(key) = key::of_node(node, |source| output(&plan, source)) {
-            Some(match look_up(&key, force.has(graph, id), store)? {
+            Some(match look_up(&key, force.takes(graph, id), store)? {
                 LookedUp::Hit(entry) => State::Hit(key, entry),
                 LookedUp::Stale(cause) => State::Stale(key, cause),
             })
@@ -92,11 +106,14 @@ pub(super) enum LookedUp {
 }
 
 /// Looks up one key.
-pub(super) fn look_up(key: &Key, is_forced: bool, store: &dyn ResultStore) -> anyhow::Result<LookedUp> {
-    if is_forced {
+pub(super) fn look_up(key: &Key, takes: Takes, store: &dyn ResultStore) -> anyhow::Result<LookedUp> {
+    if takes == Takes::Nothing {
         return Ok(LookedUp::Stale(Cause::Forced));
     }
     Ok(match store.find(key.digest)? {
+        Lookup::Hit(entry) if takes == Takes::Recorded && entry.recording.is_none() => {
+            LookedUp::Stale(Cause::Unusable("its recording is gone".to_owned()))
+        }
         Lookup::Hit(entry) => LookedUp::Hit(entry),
         Lookup::Miss => LookedUp::Stale(Cause::Missing),
         Lookup::Unusable(why) => LookedUp::Stale(Cause::Unusable(why)),

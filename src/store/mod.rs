@@ -16,4 +16,4 @@ pub use error::{Error, Problem, Result};
 pub use files::{Content, Files};
 pub use holder::Holder;
 pub use key::Key;
-pub use local::{Kept, LocalStore, Removed, own_items, replace_file};
+pub use local::{Fault, Inventory, Kept, LocalStore, Removed, own_items, replace_file};

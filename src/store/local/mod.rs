@@ -7,6 +7,7 @@ mod lock;
 mod marker;
 mod objects;
 mod publish;
+mod verify;
 
 use std::{
     fs,
@@ -22,6 +23,7 @@ use durable::OWN_PREFIX;
 pub use durable::{own_items, replace_file};
 use lock::{LockedKey, StoreLock};
 use marker::Place;
+pub use verify::{Fault, Inventory};
 
 /// How long a run waits until the cleaning of a store ends.
 const PATIENCE: Duration = Duration::from_secs(30);

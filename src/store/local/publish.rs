@@ -30,8 +30,9 @@ impl LocalStore {
         }
         // The results are equal, or the first one is damaged. The new entry replaces the first one, and keeps a
         // recording that only the first one has.
-        if differs.is_none() && entry.recording.is_none() {
-            entry.recording = first.and_then(|first| first.recording);
+        if let Some(first) = first.filter(|_| differs.is_none()) {
+            (entry.node, entry.run) = (first.node, first.run);
+            entry.recording = entry.recording.or(first.recording);
         }
         let file = self.write_entry(&entry)?;
         file.seal()?;

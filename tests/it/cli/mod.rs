@@ -6,4 +6,5 @@ mod folders;
 mod plot;
 mod suite;
 mod verbs;
+mod verify;
 mod view;

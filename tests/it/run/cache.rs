@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::support::run::{Bench, Ear, chain, count, damage, graph, run, state};
+use crate::support::run::{Bench, Ear, chain, count, damage, graph, record, run, state};
 use carl_pipe::{
     run::{
         events::NodeState::{Cached, Failed, Ran},
@@ -95,17 +95,25 @@ fn an_input_damaged_under_way_is_made_again_within_the_run() {
 }
 
 #[test]
-fn a_lost_recording_is_a_warning_and_can_be_made_again() {
+fn lost_recordings_are_told_in_one_warning_each_time() {
     let bench = Bench::new();
     let (report, _) = bench.run(&chain(1));
     fs::remove_file(fs::canonicalize(report.path.join("b.mcap")).unwrap()).unwrap();
     let (again, ear) = bench.run(&chain(1));
     assert_eq!(again.count(Cached), 3);
-    assert_eq!(ear.warnings(), ["the recording of b is gone; `carl-pipe run --force=b` makes it again"]);
+    assert_eq!(ear.warnings(), ["it is cached and has no recording; `carl-pipe verify --repair` makes it again"]);
     assert!(again.path.join("a.mcap").exists() && !again.path.join("b.mcap").exists());
-    bench.run_with(&chain(1), &Options { force: Force::Named(["b".to_owned()].into()), ..Options::default() });
+    fs::remove_file(fs::canonicalize(again.path.join("c.mcap")).unwrap()).unwrap();
+    for _ in 0..2 {
+        let (_, ear) = bench.run(&chain(1));
+        assert_eq!(ear.warnings(), ["2 cached nodes have no recording; `carl-pipe verify --repair` makes them again"]);
+    }
+    let (_, ear) = bench.run_with(&chain(1), &Options { force: Force::Unrecorded, ..Options::default() });
+    assert_eq!((ear.ran(), ear.warnings().len()), (vec!["b".to_owned(), "c".to_owned()], 0));
     let (healed, ear) = bench.run(&chain(1));
     assert!(healed.path.join("b.mcap").exists() && ear.warnings().is_empty());
+    let digests = |report, node| (record(report, node).outcome.output, record(report, node).outcome.recording);
+    assert_eq!(["b", "c"].map(|node| digests(&healed, node)), ["b", "c"].map(|node| digests(&report, node)));
 }
 
 #[test]

@@ -4,3 +4,4 @@ mod cache;
 mod jobs;
 mod runs;
 mod store;
+mod verify;

@@ -80,6 +80,7 @@ fn add(params: &Value, inputs: &InputFiles<'_>, cx: &mut StageCx<'_>) -> anyhow:
         "fail" => bail!("cannot add: {argument}"),
         "panic" => panic!("{argument}"),
         "read" => sum += fs::read_to_string(argument)?.trim().parse::<i64>()?,
+        "mkdir" => fs::create_dir(argument)?,
         "damage" => damage(Path::new(argument)),
         "all_cores" => ensure!(cx.threads.get() >= 2, "got {} threads", cx.threads.get()),
         _ => {}

@@ -6,6 +6,7 @@
 )]
 
 use std::{
+    collections::BTreeSet,
     path::Path,
     time::{Duration, Instant},
 };
@@ -42,11 +43,13 @@ pub(super) struct Journal<'a> {
     written: Option<Instant>,
     /// Whether `latest` was pointed to this run, or that was tried.
     is_latest: bool,
+    /// The nodes that were found in the store without a recording.
+    unrecorded: BTreeSet<String>,
 }
 
 impl<'a> Journal<'a> {
     pub(super) fn new(store: &'a dyn ResultStore, events: &'a Events<'a>, dir: &'a RunDir, manifest: Manifest) -> Self {
-        Self { store, events, dir, manifest, written: None, is_latest: false }
+        Self { store, events, dir, manifest, written: None, is_latest: false, unrecorded: BTreeSet::new() }
     }
 
     /// Emits a sentence from a node.
@@ -76,9 +79,8 @@ impl<'a> Journal<'a> {
     /// Notes that a node has an output.
     pub(super) fn end_with(&mut self, node: &Node, run: &NodeRun, state: NodeState, entry: &Entry) {
         let name = &node.name;
-        if entry.lost_recording {
-            let text = format!("the recording of {name} is gone; `carl-pipe run --force={name}` makes it again");
-            self.warn(name, text);
+        if entry.recording.is_none() && state == NodeState::Cached {
+            self.unrecorded.insert(name.clone());
         }
         // A link costs as much as the rest of a cached node, so large runs link only what they made.
         let is_linked = state == NodeState::Ran || self.manifest.nodes.len() <= LINKED_WHEN_CACHED;
@@ -153,11 +155,27 @@ impl<'a> Journal<'a> {
         Ok(())
     }
 
+    /// A cached node never runs again for its recording alone, so the user is told each time that it has none.
+    fn warn_of_unrecorded(&self) {
+        const REPAIR: &str = "`carl-pipe verify --repair`";
+        match self.unrecorded.first() {
+            None => {}
+            Some(one) if self.unrecorded.len() == 1 => {
+                self.warn(one, format!("it is cached and has no recording; {REPAIR} makes it again"));
+            }
+            Some(_) => {
+                let count = self.unrecorded.len();
+                self.events.warn(None, format!("{count} cached nodes have no recording; {REPAIR} makes them again"));
+            }
+        }
+    }
+
     /// Writes the manifest a last time, and reports what became of every wanted node.
     pub(super) fn finish(mut self, nodes: &[Option<NodeRun>]) -> anyhow::Result<Report> {
         self.manifest.state = state(nodes);
         // A run in which no node worked has nothing that a power cut could take.
         self.write_manifest(self.written.is_some())?;
+        self.warn_of_unrecorded();
         let reports = nodes.iter().flatten().map(|node| NodeReport {
             record: self.manifest.nodes[node.row].clone(),
             worked_secs: node.worked_secs,

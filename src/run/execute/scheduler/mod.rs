@@ -17,7 +17,7 @@ use crate::{
         job::{Job, JobInput},
         key,
         manifest::Manifest,
-        plan::{LookedUp, look_up},
+        plan::{LookedUp, Takes, look_up},
         runs::RunDir,
     },
     store::{Entry, Key, KeyLock, Published, ResultStore},
@@ -105,7 +105,7 @@ impl<'a> Scheduler<'a> {
                 continue;
             }
             if let Some(key) = key::of_node(node, |source| self.entry(source).map(|entry| entry.output)) {
-                match look_up(&key, self.is_forced(id, &key), self.store)? {
+                match look_up(&key, self.takes(id, &key), self.store)? {
                     LookedUp::Hit(entry) => self.take_hit(id, entry),
                     LookedUp::Stale(_) => self.set(id, Phase::Ready(key)),
                 }
@@ -120,9 +120,9 @@ impl<'a> Scheduler<'a> {
         }
     }
 
-    /// Whether a node has to run although the store may have its output. A forced key is made once in a run.
-    fn is_forced(&self, id: NodeId, key: &Key) -> bool {
-        self.options.force.has(self.order.graph, id) && !self.has_made(key.digest)
+    /// Which results of the store a node takes. A forced key is made once in a run.
+    fn takes(&self, id: NodeId, key: &Key) -> Takes {
+        if self.has_made(key.digest) { Takes::Any } else { self.options.force.takes(self.order.graph, id) }
     }
 
     /// Whether this run has made a key.
@@ -156,7 +156,7 @@ impl<'a> Scheduler<'a> {
                 continue;
             };
             // Another node or process may have made the key since it was looked up.
-            match look_up(&key, self.is_forced(id, &key), self.store)? {
+            match look_up(&key, self.takes(id, &key), self.store)? {
                 LookedUp::Hit(entry) => {
                     self.take_hit(id, entry);
                     has_hits = true;
