@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, io, path::Path};
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::IgnoredAny};
 use serde_json::Value;
 
 use super::{Files, Key};
@@ -16,8 +16,9 @@ const FORMAT: u32 = 1;
 #[serde(deny_unknown_fields)]
 pub struct Entry {
     format: u32,
-    /// The key as readable JSON.
-    pub key: Value,
+    /// Where earlier versions kept the readable key.
+    #[serde(default, rename = "key", skip_serializing)]
+    earlier_key: IgnoredAny,
     /// The digest of the key.
     pub key_digest: Digest,
     /// The node that made the result first.
@@ -112,7 +113,7 @@ impl Entry {
     pub(super) fn new(new: &NewEntry<'_>, files: Vec<FileRef>, recording: Option<RecordingRef>) -> Self {
         Self {
             format: FORMAT,
-            key: new.key.json.clone(),
+            earlier_key: IgnoredAny,
             key_digest: new.key.digest,
             node: new.node.to_owned(),
             run: new.run.to_owned(),
@@ -126,10 +127,17 @@ impl Entry {
         }
     }
 
-    /// The entry as a store keeps it: a line with the digest of all that follows, then the entry.
-    pub(super) fn to_text(&self) -> io::Result<String> {
-        let body = format!("\"entry\":{}}}\n", serde_json::to_string(self)?);
+    /// The entry as a store keeps it: a line with the digest of all that follows, then the readable key and the entry. The
+    /// key is for people. A look-up skips it.
+    pub(super) fn to_text(&self, key: &Value) -> io::Result<String> {
+        let body = format!("\"key\":{key},\n\"entry\":{}}}\n", serde_json::to_string(self)?);
         Ok(format!("{}{body}", head(Digest::of_bytes(body.as_bytes()))))
+    }
+
+    /// The readable key in what [`Entry::to_text`] wrote; null where there is none.
+    pub(super) fn key_in(text: &[u8]) -> Value {
+        let mut json: Value = serde_json::from_slice(text).unwrap_or_default();
+        if json["key"].is_null() { json["entry"]["key"].take() } else { json["key"].take() }
     }
 
     /// Reads what [`Entry::to_text`] wrote for a key, or says why it cannot be used.

@@ -2,6 +2,8 @@
 
 use std::{fs, io};
 
+use serde_json::Value;
+
 use super::{LocalStore, durable::Temporary, objects::ObjectState};
 use crate::{
     digest::Digest,
@@ -58,7 +60,9 @@ impl LocalStore {
         }
         if was_moved && !entry.lost_recording && self.may_write {
             // The new entry spares the next look-up from reading the objects. A failure changes no answer.
-            let _ = self.write_entry(&entry).and_then(|file| file.replace(&self.entry_path(entry.key_digest)));
+            let path = self.entry_path(entry.key_digest);
+            let key = Entry::key_in(&fs::read(&path).unwrap_or_default());
+            let _ = self.write_entry(&entry, &key).and_then(|file| file.replace(&path));
         }
         Ok(Lookup::Hit(entry))
     }
@@ -76,8 +80,8 @@ impl LocalStore {
     }
 
     /// Writes an entry to a file that does not have its name yet.
-    pub(super) fn write_entry(&self, entry: &Entry) -> Result<Temporary> {
-        let text = entry.to_text().or_io(|| "cannot write an entry".to_owned())?;
+    pub(super) fn write_entry(&self, entry: &Entry, key: &Value) -> Result<Temporary> {
+        let text = entry.to_text(key).or_io(|| "cannot write an entry".to_owned())?;
         Temporary::write(&self.scratch, text.as_bytes())
     }
 }

@@ -15,7 +15,7 @@ impl LocalStore {
         let path = self.entry_path(entry.key_digest);
         let folder = path.parent().expect("an entry lies in a folder").to_owned();
         make_folder(&folder)?;
-        let file = self.write_entry(&entry)?;
+        let file = self.write_entry(&entry, &new.key.json)?;
         file.seal()?;
         if file.place(&path)? {
             sync_folder(&folder)?;
@@ -34,7 +34,7 @@ impl LocalStore {
             (entry.node, entry.run) = (first.node, first.run);
             entry.recording = entry.recording.or(first.recording);
         }
-        let file = self.write_entry(&entry)?;
+        let file = self.write_entry(&entry, &new.key.json)?;
         file.seal()?;
         file.replace(&path)?;
         sync_folder(&folder)?;
