@@ -15,6 +15,15 @@ impl Digest {
         Self(*blake3::hash(bytes).as_bytes())
     }
 
+    /// The digest of bytes in parts that follow each other.
+    pub fn of_parts(parts: &[impl AsRef<[u8]>]) -> Self {
+        let mut hasher = blake3::Hasher::new();
+        for part in parts {
+            hasher.update(part.as_ref());
+        }
+        Self(*hasher.finalize().as_bytes())
+    }
+
     /// The digest of all bytes that a reader gives.
     ///
     /// # Errors

@@ -34,7 +34,7 @@ pub struct MeanLit(f64);
 impl Artifact for MeanLit {
     const TYPE: &'static str = "mean_lit";
 
-    fn save(&self) -> anyhow::Result<Files> {
+    fn save(self) -> anyhow::Result<Files> {
         Ok(Files::from([("mean_lit.json".to_owned(), serde_json::to_vec(&self.0)?)]))
     }
 

@@ -52,7 +52,7 @@ fn no_whitening(latent: usize) -> Whitening {
 impl Artifact for Agent {
     const TYPE: &'static str = "agent";
 
-    fn save(&self) -> anyhow::Result<Files> {
+    fn save(self) -> anyhow::Result<Files> {
         let (actor, critic) = (&self.nets.actor.layout, &self.nets.critic.layout);
         let (mut agent, mut optimizer) = (Tensors::default(), Tensors::default());
         put(&mut agent, &mut optimizer, "actor", actor, &self.actor);
@@ -74,9 +74,9 @@ impl Artifact for Agent {
             temperature_adam_steps: self.log_alpha.adam.steps,
         };
         Ok(Files::from([
-            ("agent.safetensors".to_owned(), agent.bytes()?),
-            ("optimizer.safetensors".to_owned(), optimizer.bytes()?),
-            ("agent.json".to_owned(), json(&about)?),
+            ("agent.safetensors", agent.content()?),
+            ("optimizer.safetensors", optimizer.content()?),
+            ("agent.json", json(&about)?.into()),
         ]))
     }
 
@@ -84,10 +84,8 @@ impl Artifact for Agent {
         let about: About = serde_json::from_slice(&file(files, "agent.json")?)?;
         check_widths([&about.latent, &about.action])?;
         let nets = AgentNets::new(about.latent, about.action);
-        let agent_bytes = file(files, "agent.safetensors")?;
-        let agent = TensorFile::open(&agent_bytes)?;
-        let optimizer_bytes = file(files, "optimizer.safetensors")?;
-        let optimizer = TensorFile::open(&optimizer_bytes)?;
+        let agent = TensorFile::open(files, "agent.safetensors")?;
+        let optimizer = TensorFile::open(files, "optimizer.safetensors")?;
         let actor = take(&agent, &optimizer, "actor", &nets.actor.layout, about.actor_adam_steps)?;
         let acting = take_layers(&agent, "acting/", &nets.actor.layout)?;
         let critic = |i: usize| {

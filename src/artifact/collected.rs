@@ -22,7 +22,7 @@ impl Artifact for Collected {
     const TYPE: &'static str = "collection";
     const READABLE_AS: &'static [&'static str] = &[Transitions::TYPE];
 
-    fn save(&self) -> anyhow::Result<Files> {
+    fn save(self) -> anyhow::Result<Files> {
         let mut files = self.transitions.save()?;
         if let Some(unfinished) = &self.unfinished {
             files.insert(FILE.to_owned(), json(unfinished)?);

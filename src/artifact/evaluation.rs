@@ -61,8 +61,8 @@ impl Artifact for Evaluation {
     const TYPE: &'static str = "evaluation";
     const MAY_BE_MISSING: &'static [&'static str] = &["share_of_ceiling"];
 
-    fn save(&self) -> anyhow::Result<Files> {
-        Ok(Files::from([("evaluation.json".to_owned(), json(self)?)]))
+    fn save(self) -> anyhow::Result<Files> {
+        Ok(Files::from([("evaluation.json".to_owned(), json(&self)?)]))
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {

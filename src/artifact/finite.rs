@@ -1,10 +1,11 @@
 //! Refuses files of artifacts that hold a number that is not finite: whatever reads such a number gives a wrong result.
 
 use anyhow::{Context as _, bail};
-use safetensors::{Dtype, SafeTensors};
+use safetensors::Dtype;
 use serde_json::Value;
 
-use super::Files;
+use super::{Files, tensors::TensorFile};
+use crate::store::Content;
 
 /// Refuses files in which a tensor holds NaN or an infinity, or a JSON value is `null`, which is how JSON writes such a
 /// number. Values of the keys `may_be_missing` may be `null`.
@@ -13,38 +14,49 @@ use super::Files;
 /// Names the first such number by file and place.
 pub fn must_be_finite(files: &Files, may_be_missing: &[&str]) -> anyhow::Result<()> {
     for (name, content) in files.iter() {
-        let is_tensors = name.ends_with(".safetensors");
-        if is_tensors || name.ends_with(".json") {
-            let bytes = content.bytes()?;
-            let checked = if is_tensors { tensors(&bytes) } else { json(&bytes, may_be_missing) };
-            checked.with_context(|| format!("`{name}`"))?;
-        }
-    }
-    Ok(())
-}
-
-fn tensors(bytes: &[u8]) -> anyhow::Result<()> {
-    let file = SafeTensors::deserialize(bytes).context("not a safetensors file")?;
-    for (name, view) in file.iter() {
-        let data = view.data();
-        let bad = match view.dtype() {
-            Dtype::F64 => first(data.as_chunks::<8>().0, f64::from_le_bytes),
-            Dtype::F32 => first(data.as_chunks::<4>().0, |number| f32::from_le_bytes(number).into()),
-            // Half precision in its two forms: the exponent of a number that is not finite has ones only.
-            Dtype::F16 => first(data.as_chunks::<2>().0, |number| half(number, 0x7c00)),
-            Dtype::BF16 => first(data.as_chunks::<2>().0, |number| half(number, 0x7f80)),
-            _ => None,
+        let checked = match name.rsplit_once('.') {
+            Some((_, "safetensors")) => tensors(content),
+            Some((_, "json")) => json(&content.bytes()?, may_be_missing),
+            _ => Ok(()),
         };
-        if let Some((at, number)) = bad {
-            bail!("tensor `{name}` is {number} at index {at}");
-        }
+        checked.with_context(|| format!("`{name}`"))?;
     }
     Ok(())
 }
 
-/// The first number that is not finite, and its index.
-fn first<const BYTES: usize>(numbers: &[[u8; BYTES]], read: impl Fn([u8; BYTES]) -> f64) -> Option<(usize, f64)> {
-    numbers.iter().map(|&number| read(number)).enumerate().find(|(_, number)| !number.is_finite())
+fn tensors(content: &Content) -> anyhow::Result<()> {
+    let file = TensorFile::read(content)?;
+    for name in file.names() {
+        let dtype = file.dtype(&name)?;
+        if !matches!(dtype, Dtype::F64 | Dtype::F32 | Dtype::F16 | Dtype::BF16) {
+            continue;
+        }
+        let mut before = 0;
+        file.pieces(&name, |piece| {
+            let (bad, count) = match dtype {
+                Dtype::F64 => first(piece.as_chunks::<8>().0, f64::from_le_bytes),
+                Dtype::F32 => first(piece.as_chunks::<4>().0, |number| f32::from_le_bytes(number).into()),
+                // Half precision in its two forms: the exponent of a number that is not finite has ones only.
+                Dtype::F16 => first(piece.as_chunks::<2>().0, |number| half(number, 0x7c00)),
+                _ => first(piece.as_chunks::<2>().0, |number| half(number, 0x7f80)),
+            };
+            if let Some((at, number)) = bad {
+                bail!("tensor `{name}` is {number} at index {}", before + at);
+            }
+            before += count;
+            Ok(())
+        })?;
+    }
+    Ok(())
+}
+
+/// The first number that is not finite with its index, and the count of all numbers.
+fn first<const BYTES: usize>(
+    numbers: &[[u8; BYTES]],
+    read: impl Fn([u8; BYTES]) -> f64,
+) -> (Option<(usize, f64)>, usize) {
+    let mut all = numbers.iter().map(|&number| read(number)).enumerate();
+    (all.find(|(_, number)| !number.is_finite()), numbers.len())
 }
 
 /// 0 for a finite number in half precision, and NaN otherwise.

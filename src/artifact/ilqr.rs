@@ -8,8 +8,8 @@ use crate::control::Ilqr;
 impl Artifact for Ilqr {
     const TYPE: &'static str = "ilqr";
 
-    fn save(&self) -> anyhow::Result<Files> {
-        Ok(Files::from([("ilqr.json".to_owned(), json(self)?)]))
+    fn save(self) -> anyhow::Result<Files> {
+        Ok(Files::from([("ilqr.json".to_owned(), json(&self)?)]))
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {

@@ -77,7 +77,7 @@ pub struct Codes {
 impl Artifact for LatentMap {
     const TYPE: &'static str = "latent_map";
 
-    fn save(&self) -> anyhow::Result<Files> {
+    fn save(self) -> anyhow::Result<Files> {
         let n = self.latent;
         let mut tensors = Tensors::default();
         tensors
@@ -87,17 +87,13 @@ impl Artifact for LatentMap {
             .f32("codes", &[self.codes.len() / n, n], &self.codes)
             .f32("goals", &[self.goals.len() / n, n], &self.goals);
         let about = About { latent: n, quality: self.quality, axes: self.axes.clone() };
-        Ok(Files::from([
-            ("latent_map.safetensors".to_owned(), tensors.bytes()?),
-            ("latent_map.json".to_owned(), json(&about)?),
-        ]))
+        Ok(Files::from([("latent_map.safetensors", tensors.content()?), ("latent_map.json", json(&about)?.into())]))
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
         let about = serde_json::from_slice(&file(files, "latent_map.json")?).context("latent_map.json")?;
         let About { latent, quality, axes } = about;
-        let tensors_bytes = file(files, "latent_map.safetensors")?;
-        let tensors = TensorFile::open(&tensors_bytes)?;
+        let tensors = TensorFile::open(files, "latent_map.safetensors")?;
         let shape = tensors.shape("codes")?;
         let states = shape.first().copied().unwrap_or_default();
         ensure!(latent > 0 && shape == [states, latent], "codes of shape {shape:?}");

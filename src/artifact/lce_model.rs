@@ -68,20 +68,20 @@ pub(super) fn take_layers(tensors: &TensorFile<'_>, prefix: &str, layout: &Layou
 impl Artifact for TrainedModel {
     const TYPE: &'static str = "lce_model";
 
-    fn save(&self) -> anyhow::Result<Files> {
+    fn save(self) -> anyhow::Result<Files> {
         let LceModel { sizes, nets, arena, background } = &self.model;
         let mut model = Tensors::default();
         put_layers(&mut model, "", &nets.layout, arena);
-        model.u8("background", &[sizes.pixels], background);
+        model.u8("background", &[sizes.pixels], &background[..]);
         let mut optimizer = Tensors::default();
         put_layers(&mut optimizer, "m.", &nets.layout, &self.adam.m);
         put_layers(&mut optimizer, "v.", &nets.layout, &self.adam.v);
         let about =
             About { sizes: sizes.into(), adam_steps: self.adam.steps, suspect_goals: self.suspect_goals.clone() };
         Ok(Files::from([
-            ("model.safetensors".to_owned(), model.bytes()?),
-            ("optimizer.safetensors".to_owned(), optimizer.bytes()?),
-            ("model.json".to_owned(), json(&about)?),
+            ("model.safetensors", model.content()?),
+            ("optimizer.safetensors", optimizer.content()?),
+            ("model.json", json(&about)?.into()),
         ]))
     }
 
@@ -89,10 +89,8 @@ impl Artifact for TrainedModel {
         let About { sizes, adam_steps, suspect_goals } = serde_json::from_slice(&file(files, "model.json")?)?;
         let sizes = Sizes::try_from(sizes)?;
         let nets = Nets::new(&sizes);
-        let tensors_bytes = file(files, "model.safetensors")?;
-        let tensors = TensorFile::open(&tensors_bytes)?;
-        let optimizer_bytes = file(files, "optimizer.safetensors")?;
-        let optimizer = TensorFile::open(&optimizer_bytes)?;
+        let tensors = TensorFile::open(files, "model.safetensors")?;
+        let optimizer = TensorFile::open(files, "optimizer.safetensors")?;
         let adam = Adam {
             m: take_layers(&optimizer, "m.", &nets.layout)?,
             v: take_layers(&optimizer, "v.", &nets.layout)?,

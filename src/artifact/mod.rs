@@ -34,8 +34,8 @@ pub trait Artifact: Sized + Send + 'static {
     /// other ones are neither published nor read.
     const MAY_BE_MISSING: &'static [&'static str] = &[];
 
-    /// Writes the value as files.
-    fn save(&self) -> anyhow::Result<Files>;
+    /// Turns the value into files.
+    fn save(self) -> anyhow::Result<Files>;
 
     /// Reads what `save` wrote.
     ///

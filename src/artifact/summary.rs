@@ -44,8 +44,8 @@ impl Artifact for ResultSummary {
     const TYPE: &'static str = "summary";
     const MAY_BE_MISSING: &'static [&'static str] = &["standard_error", "ci95", "ceiling", "share_of_ceiling"];
 
-    fn save(&self) -> anyhow::Result<Files> {
-        Ok(Files::from([("summary.json".to_owned(), json(self)?)]))
+    fn save(self) -> anyhow::Result<Files> {
+        Ok(Files::from([("summary.json".to_owned(), json(&self)?)]))
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {

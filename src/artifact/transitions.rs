@@ -4,7 +4,7 @@ use anyhow::ensure;
 
 use super::{
     Artifact, Files,
-    tensors::{TensorFile, Tensors, file},
+    tensors::{TensorFile, Tensors},
 };
 use crate::{lce::LceModel, lce::trainer::Data};
 
@@ -108,26 +108,21 @@ const FILE: &str = "transitions.safetensors";
 impl Artifact for Transitions {
     const TYPE: &'static str = "transitions";
 
-    fn save(&self) -> anyhow::Result<Files> {
+    fn save(self) -> anyhow::Result<Files> {
         let (height, width) = self.picture;
         let count = self.len();
         let mut tensors = Tensors::default();
         tensors
-            .u8("observations", &[count, height, width], &self.observations)
+            .u8("observations", &[count, height, width], self.observations)
             .f32("actions", &[count, self.action_dim], &self.actions)
-            .u8("next_observations", &[count, height, width], &self.next_observations)
-            .u8(
-                "goals",
-                &[self.goals.len().checked_div(height * width).unwrap_or_default(), height, width],
-                &self.goals,
-            )
+            .u8("next_observations", &[count, height, width], self.next_observations)
+            .u8("goals", &[self.goals.len().checked_div(height * width).unwrap_or_default(), height, width], self.goals)
             .u32("goal_index", &[count], &self.goal_index);
-        Ok(Files::from([(FILE.to_owned(), tensors.bytes()?)]))
+        Ok(Files::from([(FILE, tensors.content()?)]))
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let tensors_bytes = file(files, FILE)?;
-        let tensors = TensorFile::open(&tensors_bytes)?;
+        let tensors = TensorFile::open(files, FILE)?;
         let shape = |name: &str, is: usize| {
             let shape = tensors.shape(name)?;
             ensure!(shape.len() == is, "tensor `{name}` has shape {shape:?}");

@@ -20,7 +20,7 @@ pub trait StageState: Sized {
 }
 
 /// Adds an artifact to the files of a state; `prefix` keeps its file names apart from others.
-pub(super) fn put_artifact<A: Artifact>(files: &mut Files, prefix: &str, artifact: &A) -> anyhow::Result<()> {
+pub(super) fn put_artifact<A: Artifact>(files: &mut Files, prefix: &str, artifact: A) -> anyhow::Result<()> {
     for (name, content) in artifact.save()?.iter() {
         files.insert(format!("{prefix}.{name}"), content.clone());
     }

@@ -6,7 +6,7 @@ use super::{Entry, FileRef, Files, Holder, NewEntry, Result, files::Content};
 use crate::digest::Digest;
 
 /// Files up to this size are loaded into memory; larger ones are handed on as verified files.
-const LOADED_INTO_MEMORY: u64 = 256 << 20;
+const LOADED_INTO_MEMORY: u64 = 16 << 20;
 
 /// A place that keeps results: entries by the key that made them, and the objects that entries name.
 ///

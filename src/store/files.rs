@@ -1,6 +1,12 @@
 //! The files of a result, in memory or on disk.
 
-use std::{borrow::Cow, collections::BTreeMap, fs, path::PathBuf};
+use std::{
+    borrow::Cow,
+    collections::BTreeMap,
+    fs::{self, File},
+    io::{self, BufReader, Cursor, Read, Seek, SeekFrom},
+    path::PathBuf,
+};
 
 use super::{
     Result,
@@ -8,10 +14,12 @@ use super::{
 };
 
 /// What a file holds.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub enum Content {
     /// The bytes themselves.
     Bytes(Vec<u8>),
+    /// The bytes in parts that follow each other, so that large tensors become a file without a copy in memory.
+    Parts(Vec<Vec<u8>>),
     /// A file that holds the bytes. A store that publishes it takes the file over; an input that was loaded is the
     /// store's own file, which must only be read.
     File(PathBuf),
@@ -25,8 +33,78 @@ impl Content {
     pub fn bytes(&self) -> Result<Cow<'_, [u8]>> {
         match self {
             Self::Bytes(bytes) => Ok(Cow::Borrowed(bytes)),
+            Self::Parts(parts) => Ok(Cow::Owned(parts.concat())),
             Self::File(path) => fs::read(path).map(Cow::Owned).or_io(|| format!("cannot read {}", path.display())),
         }
+    }
+}
+
+impl Content {
+    /// Reads the bytes from any position on, without holding all of them in memory.
+    ///
+    /// # Errors
+    /// The file cannot be opened.
+    pub fn reader(&self) -> Result<Box<dyn ReadSeek + '_>> {
+        Ok(match self {
+            Self::Bytes(bytes) => Box::new(Cursor::new(&bytes[..])),
+            Self::Parts(parts) => Box::new(PartsReader { parts, at: 0 }),
+            Self::File(path) => {
+                Box::new(BufReader::new(File::open(path).or_io(|| format!("cannot read {}", path.display()))?))
+            }
+        })
+    }
+}
+
+/// Contents are equal if their bytes are; files on disk are equal if they are the same file.
+impl PartialEq for Content {
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::File(one), Self::File(other)) => one == other,
+            (Self::File(_), _) | (_, Self::File(_)) => false,
+            _ => self.bytes().ok() == other.bytes().ok(),
+        }
+    }
+}
+
+impl Eq for Content {}
+
+/// Bytes to read from any position on.
+pub trait ReadSeek: Read + Seek {}
+
+impl<T: Read + Seek> ReadSeek for T {}
+
+/// Reads parts that follow each other.
+struct PartsReader<'a> {
+    parts: &'a [Vec<u8>],
+    at: u64,
+}
+
+impl Read for PartsReader<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let mut begin = 0;
+        for part in self.parts {
+            let end = begin + part.len() as u64;
+            if self.at < end {
+                let count = (&part[(self.at - begin) as usize..]).read(buffer)?;
+                self.at += count as u64;
+                return Ok(count);
+            }
+            begin = end;
+        }
+        Ok(0)
+    }
+}
+
+impl Seek for PartsReader<'_> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let end: u64 = self.parts.iter().map(|part| part.len() as u64).sum();
+        let target = match to {
+            SeekFrom::Start(at) => Some(at),
+            SeekFrom::End(by) => end.checked_add_signed(by),
+            SeekFrom::Current(by) => self.at.checked_add_signed(by),
+        };
+        self.at = target.ok_or(io::ErrorKind::InvalidInput)?;
+        Ok(self.at)
     }
 }
 

@@ -13,7 +13,7 @@ mod local;
 pub use contract::{KeyLock, Lookup, Published, ResultStore};
 pub use entry::{Entry, FileRef, NewEntry, NewRecording, RecordingRef, Stat};
 pub use error::{Error, Problem, Result};
-pub use files::{Content, Files};
+pub use files::{Content, Files, ReadSeek};
 pub use holder::Holder;
 pub use key::Key;
 pub use local::{Fault, Inventory, Kept, LocalStore, Removed, own_items, replace_file};

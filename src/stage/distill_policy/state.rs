@@ -44,19 +44,16 @@ impl StageState for Distillation {
         let mut optimizer = Tensors::default();
         optimizer.f32("m", &[m.len()], m).f32("v", &[v.len()], v);
         let about = About { steps: self.steps, adam_steps: *adam_steps, kl: self.kl, rng: Position::of(&self.rng) };
-        let mut files = Files::from([
-            ("distillation.json".to_owned(), json(&about)?),
-            ("adam.safetensors".to_owned(), optimizer.bytes()?),
-        ]);
-        put_artifact(&mut files, "student", &self.student)?;
+        let mut files =
+            Files::from([("distillation.json", json(&about)?.into()), ("adam.safetensors", optimizer.content()?)]);
+        put_artifact(&mut files, "student", self.student.clone())?;
         Ok(files)
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
         let About { steps, adam_steps, kl, rng } = serde_json::from_slice(&file(files, "distillation.json")?)?;
         let student: Agent = take_artifact(files, "student")?;
-        let tensors = file(files, "adam.safetensors")?;
-        let optimizer = TensorFile::open(&tensors)?;
+        let optimizer = TensorFile::open(files, "adam.safetensors")?;
         let adam = Adam { m: optimizer.f32("m")?, v: optimizer.f32("v")?, steps: adam_steps };
         let parameters = student.actor.arena.len();
         ensure!(adam.m.len() == parameters && adam.v.len() == parameters, "an optimiser of another actor");

@@ -84,9 +84,9 @@ impl StageState for Training {
         let best_attempt = self.best.as_ref().map(|best| best.number);
         let about = About { attempt, epoch, all_epochs, all_steps, best_attempt };
         let mut files = Files::from([("training.json".to_owned(), json(&about)?)]);
-        put_artifact(&mut files, "current", &self.trained())?;
+        put_artifact(&mut files, "current", self.trained())?;
         if let Some(best) = &self.best {
-            put_artifact(&mut files, "best", &best.trained)?;
+            put_artifact(&mut files, "best", best.trained.clone())?;
         }
         Ok(files)
     }

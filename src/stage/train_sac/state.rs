@@ -38,18 +38,15 @@ impl StageState for Learner {
             buffer_capacity: buffer.capacity,
             buffer_next: buffer.next,
         };
-        let mut files = Files::from([
-            ("learner.json".to_owned(), json(&about)?),
-            ("buffer.safetensors".to_owned(), tensors.bytes()?),
-        ]);
-        put_artifact(&mut files, "agent", agent)?;
+        let mut files =
+            Files::from([("learner.json", json(&about)?.into()), ("buffer.safetensors", tensors.content()?)]);
+        put_artifact(&mut files, "agent", agent.clone())?;
         Ok(files)
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
         let about: About = serde_json::from_slice(&file(files, "learner.json")?)?;
-        let tensors = file(files, "buffer.safetensors")?;
-        let columns = TensorFile::open(&tensors)?.f32("buffer")?;
+        let columns = TensorFile::open(files, "buffer.safetensors")?.f32("buffer")?;
         let (width, capacity) = (about.buffer_width, about.buffer_capacity);
         let buffer = LatentBuffer { columns, width, capacity, next: about.buffer_next };
         let agent: crate::control::Agent = take_artifact(files, "agent")?;

@@ -29,11 +29,12 @@ pub fn own_items(folder: &Path) -> impl Iterator<Item = PathBuf> + use<> {
 pub(super) struct Temporary(NamedTempFile);
 
 impl Temporary {
-    /// Writes bytes to a new file in `folder`. They do not survive a power cut yet.
-    pub(super) fn write(folder: &Path, bytes: &[u8]) -> Result<Self> {
-        let context = || format!("cannot write in {} ({} bytes)", folder.display(), bytes.len());
+    /// Writes bytes in parts to a new file in `folder`. They do not survive a power cut yet.
+    pub(super) fn write(folder: &Path, parts: &[impl AsRef<[u8]>]) -> Result<Self> {
+        let bytes = || parts.iter().map(|part| part.as_ref().len()).sum::<usize>();
+        let context = || format!("cannot write in {} ({} bytes)", folder.display(), bytes());
         let mut file = fresh_file(folder, "").or_io(context)?;
-        file.write_all(bytes).or_io(context)?;
+        parts.iter().try_for_each(|part| file.write_all(part.as_ref())).or_io(context)?;
         Ok(Self(file))
     }
 
@@ -107,7 +108,7 @@ pub(super) fn move_aside(path: &Path, folder: &Path) -> io::Result<PathBuf> {
 /// The system refused an operation.
 pub fn replace_file(path: &Path, bytes: &[u8], durable: bool) -> Result<()> {
     let folder = path.parent().unwrap_or(Path::new("."));
-    let temporary = Temporary::write(folder, bytes)?;
+    let temporary = Temporary::write(folder, &[bytes])?;
     if durable {
         temporary.0.as_file().sync_all().or_io(|| format!("cannot write {}", path.display()))?;
     }

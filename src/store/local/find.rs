@@ -82,6 +82,6 @@ impl LocalStore {
     /// Writes an entry to a file that does not have its name yet.
     pub(super) fn write_entry(&self, entry: &Entry, key: &Value) -> Result<Temporary> {
         let text = entry.to_text(key).or_io(|| "cannot write an entry".to_owned())?;
-        Temporary::write(&self.scratch, text.as_bytes())
+        Temporary::write(&self.scratch, &[text.as_bytes()])
     }
 }

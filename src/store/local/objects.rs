@@ -94,9 +94,15 @@ impl LocalStore {
     /// Prepares content to become an object.
     pub(super) fn stage(&self, content: &Content) -> Result<Staged> {
         match content {
-            Content::Bytes(bytes) => self.stage_as(Digest::of_bytes(bytes), || Temporary::write(&self.scratch, bytes)),
+            Content::Bytes(bytes) => self.stage_parts(std::slice::from_ref(bytes)),
+            Content::Parts(parts) => self.stage_parts(parts),
             Content::File(path) => self.stage_file(path),
         }
+    }
+
+    /// Prepares bytes in parts to become an object.
+    fn stage_parts(&self, parts: &[Vec<u8>]) -> Result<Staged> {
+        self.stage_as(Digest::of_parts(parts), || Temporary::write(&self.scratch, parts))
     }
 
     /// Prepares a finished file to become an object. The file goes away if the store has its bytes already.

@@ -131,8 +131,8 @@ fn refused(kind: Kind, files: &Files, what: &str) {
 
 #[test]
 fn values_survive_the_disk() {
-    fn survives<A: Artifact + PartialEq + std::fmt::Debug>(value: &A) {
-        assert!(A::load(&value.save().expect("files")).expect("readable") == *value, "{}", A::TYPE);
+    fn survives<A: Artifact + Clone + PartialEq + std::fmt::Debug>(value: &A) {
+        assert!(A::load(&value.clone().save().expect("files")).expect("readable") == *value, "{}", A::TYPE);
     }
     survives(&transitions());
     survives(&model());

@@ -25,7 +25,7 @@ macro_rules! artifact {
         pub struct $name(f64);
         impl Artifact for $name {
             const TYPE: &'static str = $ty;
-            fn save(&self) -> anyhow::Result<Files> {
+            fn save(self) -> anyhow::Result<Files> {
                 Ok(Files::from([("value.json".to_owned(), serde_json::to_vec(&self.0)?)]))
             }
             fn load(files: &Files) -> anyhow::Result<Self> {

@@ -17,7 +17,7 @@ macro_rules! artifacts {
         pub struct $name;
         impl Artifact for $name {
             const TYPE: &'static str = $text;
-            fn save(&self) -> anyhow::Result<Files> { Ok(Files::new()) }
+            fn save(self) -> anyhow::Result<Files> { Ok(Files::new()) }
             fn load(_: &Files) -> anyhow::Result<Self> { Ok(Self) }
         }
     )* };
