@@ -160,7 +160,7 @@ fn a_cleaning_keeps_what_kept_runs_name() {
     bench.run(&chain(1));
     bench.run(&chain(2));
     let (root, runs) = (bench.store.root().to_owned(), bench.runs());
-    assert!(LocalStore::open_alone(&root).unwrap_err().to_string().contains("is in use by a run"));
+    assert!(LocalStore::open_alone(&root).unwrap_err().to_string().contains("is in use by process"));
     let Bench { folder, store } = bench;
     drop(store);
     let alone = LocalStore::open_alone(&root).unwrap();
