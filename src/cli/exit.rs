@@ -1,6 +1,10 @@
 //! Exit codes, and the one shape of errors.
 
-use crate::{run::runs, store};
+use crate::{
+    diag::nearest,
+    run::{manifest::Unreadable, runs},
+    store,
+};
 
 /// The exit code of the program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,9 +81,39 @@ impl From<store::Error> for Error {
 
 impl From<runs::FindError> for Error {
     fn from(error: runs::FindError) -> Self {
-        match error {
-            runs::FindError::Unreadable(error) => error.into(),
-            _ => Self::usage(error.to_string()),
-        }
+        let text = error.to_string();
+        let help = match error {
+            runs::FindError::Unreadable(error) => return error.into(),
+            runs::FindError::NoRuns(_) => "start one with `carl-pipe run PIPELINE`".to_owned(),
+            runs::FindError::TooOld { .. } => "`carl-pipe log` lists the runs".to_owned(),
+            runs::FindError::Ambiguous { found, .. } => format!("give more of an id: {}", few(&found)),
+            runs::FindError::Unknown { wanted, known } => match nearest(&wanted, known.iter().map(String::as_str)) {
+                Some(near) => format!("did you mean `{near}`? `carl-pipe log` lists the runs"),
+                None => format!("runs are called {}; `carl-pipe log` lists them", few(&known)),
+            },
+        };
+        Self::usage(text).help(help)
+    }
+}
+
+/// The first names of a list.
+fn few(names: &[String]) -> String {
+    let shown: Vec<String> = names.iter().take(6).map(|name| format!("`{name}`")).collect();
+    let rest = names.len().saturating_sub(shown.len());
+    let rest = if rest > 0 { format!(" and {rest} more") } else { String::new() };
+    format!("{}{rest}", shown.join(", "))
+}
+
+impl From<Unreadable> for Error {
+    fn from(error: Unreadable) -> Self {
+        let help = match error {
+            Unreadable::Missing(_) => "the run was stopped before its first node worked; run its pipeline again",
+            Unreadable::Damaged { .. } => {
+                "the results are not affected: run its pipeline again, then `carl-pipe gc --drop RUN` removes this run"
+            }
+            Unreadable::OtherFormat { .. } => "use the carl-pipe that made the run",
+            Unreadable::System { .. } => "look at the rights of the file",
+        };
+        Self::new(Exit::Store, format!("{:#}", anyhow::Error::from(error))).help(help)
     }
 }

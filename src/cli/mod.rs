@@ -3,11 +3,13 @@
 mod bug;
 mod compare;
 mod dag;
+mod du;
 mod exit;
 mod file;
 mod gc;
 mod live;
 mod log;
+mod mark;
 mod out;
 mod plot;
 mod progress;
@@ -52,7 +54,9 @@ const EXAMPLES: &str = "Examples:
   carl-pipe run pipelines/table1.toml                     run several tasks and algorithms
   carl-pipe table latest --long                           print every statistic of their results
   carl-pipe compare 20261122-0748 latest                  show how two runs differ
-  carl-pipe replay latest                                 run it again and compare every byte";
+  carl-pipe replay latest                                 run it again and compare every byte
+  carl-pipe tag latest best                               give it a name that finds it
+  carl-pipe gc --dry-run                                  show which old results would go";
 
 /// Declarative, cached, replayable pipelines for control-aware representation learning.
 #[derive(Debug, Parser)]
@@ -103,7 +107,7 @@ impl Global {
         runs::folder(&self.artifacts)
     }
 
-    /// The manifest of a run: `latest`, an id, or the beginning of an id.
+    /// The manifest of the run that a user names; see [`runs::find`].
     fn manifest(&self, run: &str) -> Result<Manifest, Error> {
         Ok(Manifest::read(&runs::find(&self.runs(), run)?)?)
     }
@@ -137,6 +141,14 @@ enum Verb {
     Replay(replay::Args),
     /// Read every result and recording, name what is damaged, and make it again.
     Verify(verify::Args),
+    /// Keep a run whatever `gc` is asked for.
+    Pin(mark::PinArgs),
+    /// Let `gc` remove a run again.
+    Unpin(mark::UnpinArgs),
+    /// Give a run a name that finds it.
+    Tag(mark::TagArgs),
+    /// Show what takes the room, by pipeline and run.
+    Du(du::Args),
     /// Delete old runs and the results that no kept run uses.
     Gc(gc::Args),
     /// Print a completion script for a shell.
@@ -185,7 +197,7 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
         Verb::Why(args) => why::why(&global, &args, kinds),
         Verb::Dag(args) => dag::dag(&args, kinds),
         Verb::Stages(args) => dag::stages(&args, kinds),
-        Verb::Log(args) => log::log(&global, &args),
+        Verb::Log(args) => log::log(&global, &args, kinds),
         Verb::Show(args) => log::show(&global, &args),
         Verb::View(args) => view::view(&global, &args),
         Verb::Plot(args) => plot::plot(&global, &args, kinds),
@@ -193,6 +205,10 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
         Verb::Compare(args) => compare::compare(&global, &args, kinds),
         Verb::Replay(args) => same_bits_everywhere().and_then(|()| replay::replay(&global, &args, kinds)),
         Verb::Verify(args) => same_bits_everywhere().and_then(|()| verify::verify_verb(&global, &args, kinds)),
+        Verb::Pin(args) => mark::pin(&global, &args),
+        Verb::Unpin(args) => mark::unpin(&global, &args),
+        Verb::Tag(args) => mark::tag(&global, &args),
+        Verb::Du(args) => du::du(&global, &args),
         Verb::Gc(args) => gc::gc(&global, &args),
         Verb::Completions { shell } => {
             let mut script = Vec::new();

@@ -36,7 +36,7 @@ Examples:
   carl-pipe run pipelines/planar_offline.toml --sweep bootstrap.samples=1000,2000,5000 --sweep seed=0..5
   carl-pipe plot latest 20261122-0748 --band ci           with the online curve of another run")]
 pub(crate) struct Args {
-    /// The runs: `latest`, ids, or beginnings of ids.
+    /// The runs: `latest`, `latest~1`, tags, pipelines, ids, or beginnings of ids.
     #[arg(value_name = "RUN", default_value = "latest")]
     runs: Vec<String>,
     /// The folder for the pictures; made if it does not exist.

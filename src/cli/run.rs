@@ -55,6 +55,9 @@ pub(crate) struct Args {
     /// Also run nodes whose recording is gone; their outputs stay the same.
     #[arg(long, conflicts_with = "force")]
     repair: bool,
+    /// What the run is for; `log` shows it.
+    #[arg(long, value_name = "TEXT")]
+    note: Option<String>,
     /// Watch the run live: spawn, connect[=URL], serve[=PORT] or save=FILE.
     #[arg(long, value_name = "SINK")]
     rerun: Option<Sink>,
@@ -89,7 +92,7 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
     let view = args.rerun.clone().map(|sink| LiveView::new(sink, global.runs())).transpose()?;
     let stop = Stop::listen()?;
     let argv: Vec<String> = argv.iter().map(|word| word.to_string_lossy().into_owned()).collect();
-    let order = Order { graph, wanted, text: &loaded.text, argv: argv.clone() };
+    let order = Order { graph, wanted, text: &loaded.text, argv: argv.clone(), note: args.note.clone() };
     let defaults = Options::default();
     let jobs = args.jobs.unwrap_or(defaults.jobs);
     let options = Options { jobs, keep_going: args.keep_going, force, stop: stop.flag.clone(), ..defaults };

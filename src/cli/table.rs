@@ -32,7 +32,7 @@ Examples:
   carl-pipe table latest --metric map_quality --format csv"
 )]
 pub(crate) struct Args {
-    /// The runs: `latest`, ids, or beginnings of ids.
+    /// The runs: `latest`, `latest~1`, tags, pipelines, ids, or beginnings of ids.
     #[arg(value_name = "RUN", default_value = "latest")]
     runs: Vec<String>,
     /// The field of the rows: task, pipeline, stage, round, samples, seed, a label or an axis of a matrix.
@@ -115,7 +115,7 @@ pub(crate) fn text(rows: Rows) -> String {
 /// The outcomes of runs, newest run first, so that the newest of equal outcomes counts.
 pub(crate) fn all_outcomes(global: &Global, wanted: &[String], kinds: &[Kind]) -> Result<Vec<Outcome>, Error> {
     let mut manifests: Vec<_> = wanted.iter().map(|run| global.manifest(run)).collect::<Result<_, _>>()?;
-    manifests.sort_by(|a, b| b.run.cmp(&a.run));
+    manifests.sort_by(|a, b| (b.number, &b.run).cmp(&(a.number, &a.run)));
     manifests.dedup_by(|a, b| a.run == b.run);
     Ok(manifests.iter().flat_map(|manifest| outcomes(manifest, kinds)).collect())
 }

@@ -26,7 +26,7 @@ use crate::run::runs;
   carl-pipe view artifacts/runs/latest/represent@0.mcap
   carl-pipe view latest --rerun save=run.rrd")]
 pub struct ViewArgs {
-    /// Runs (`latest`, an id or its beginning), or files.
+    /// Runs (`latest`, `latest~1`, a tag, a pipeline, an id or its beginning), or files.
     #[arg(value_name = "RUN|FILE", default_value = "latest")]
     what: Vec<String>,
     /// Show a run as it works, until it ends.
@@ -78,7 +78,10 @@ pub(crate) fn command(program: &Path, target: &ViewTarget, sink: &Sink) -> Comma
 
 /// Becomes `carl-view`, which then has the terminal, the signals and the exit code of this process.
 pub(crate) fn view(global: &Global, args: &ViewArgs) -> Result<Exit, Error> {
-    let target = args.target(&global.artifacts).map_err(|error| Error::usage(error.to_string()))?;
+    let target = args.target(&global.artifacts).map_err(|error| match error.downcast::<runs::FindError>() {
+        Ok(error) => error.into(),
+        Err(error) => Error::usage(error.to_string()),
+    })?;
     let program = view_program::find()?;
     let error = command(&program, &target, &args.rerun).exec();
     Err(Error::new(Exit::Store, format!("cannot start {}: {error}", program.display())))

@@ -72,7 +72,7 @@ fn explanation(graph: &Graph, plan: &Plan, id: NodeId, reason: &Reason, verbose:
             _ => format!("{name} is up to date\n"),
         },
         Reason::Changed { changes, since } => {
-            format!("{}{}", changed(changes), out::dim(&format!("  since run {since}\n")))
+            format!("{}{}\n", changed(changes), out::dim(&format!("  since run {since}")))
         }
         Reason::Waiting { on, changes } => {
             format!("{}{name}: needs the new output of {}\n", changed(changes), on.join(", "))

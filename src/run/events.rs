@@ -25,6 +25,9 @@ pub enum Event {
         /// The id of the run.
         #[serde(default)]
         run: String,
+        /// The number of the run; see [`super::manifest::Manifest::number`].
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        number: Option<u64>,
         /// The name of the pipeline.
         pipeline: String,
         /// The seed, if all nodes have the same.

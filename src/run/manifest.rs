@@ -1,6 +1,9 @@
 //! The manifest of a run: everything that a replay needs, and where and how long the run was.
 
-use std::{fs, path::Path};
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context as _, bail};
 use serde::{Deserialize, Serialize};
@@ -10,6 +13,7 @@ use super::{
     events::RunState,
     key,
     node::{NodeDescription, NodeOutcome, NodeRecord},
+    sealed::{self, Seal},
     utc,
 };
 use crate::{
@@ -20,11 +24,17 @@ use crate::{
 };
 
 /// The format of a manifest. Raise it when an older carl-pipe would misread a manifest.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
+
+/// The format before manifests had a digest over their own text.
+const UNSEALED: u32 = 1;
 
 /// A run, as its folder keeps it.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Manifest {
+    /// The run's number: one above the highest of all runs before it. `None` in manifests from before runs had one.
+    #[serde(default)]
+    pub number: Option<u64>,
     /// The format of the manifest.
     pub format: u32,
     /// The id of the run.
@@ -72,13 +82,64 @@ pub struct Host {
     pub system: String,
 }
 
+/// Why the manifest of a run cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum Unreadable {
+    /// There is none.
+    #[error("{} is missing", .0.display())]
+    Missing(PathBuf),
+    /// Its text is not what was written.
+    #[error("{} is damaged: {why}", path.display())]
+    Damaged {
+        /// The manifest.
+        path: PathBuf,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// Another carl-pipe wrote it.
+    #[error("{} is of format {found}, but this carl-pipe reads formats {UNSEALED} and {FORMAT}", path.display())]
+    OtherFormat {
+        /// The manifest.
+        path: PathBuf,
+        /// Its format.
+        found: u64,
+    },
+    /// The system refused to read it.
+    #[error("cannot read {}", path.display())]
+    System {
+        /// The manifest.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+impl Unreadable {
+    /// What is wrong, in a few words.
+    pub fn short(&self) -> &'static str {
+        match self {
+            Self::Missing(_) => "no manifest",
+            Self::Damaged { .. } => "damaged manifest",
+            Self::OtherFormat { .. } => "manifest of another carl-pipe",
+            Self::System { .. } => "unreadable manifest",
+        }
+    }
+}
+
 impl Manifest {
     /// The manifest of a run that starts.
-    pub(crate) fn begin(run: &str, graph: &Graph, wanted: &[bool], text: &str, argv: &[String]) -> Self {
+    pub(crate) fn begin(
+        (run, number): (&str, u64),
+        graph: &Graph,
+        wanted: &[bool],
+        text: &str,
+        argv: &[String],
+    ) -> Self {
         let nodes = graph.nodes.iter().zip(wanted).filter(|(_, wanted)| **wanted);
         let record =
             |node: &Node| NodeRecord { about: NodeDescription::of(node, graph), outcome: NodeOutcome::pending() };
         Self {
+            number: Some(number),
             format: FORMAT,
             run: run.to_owned(),
             state: RunState::Running,
@@ -101,31 +162,47 @@ impl Manifest {
     /// Reads the manifest of a run.
     ///
     /// # Errors
-    /// The manifest is missing, damaged or of another format.
-    pub fn read(run_dir: &Path) -> anyhow::Result<Self> {
+    /// See [`Unreadable`].
+    pub fn read(run_dir: &Path) -> Result<Self, Unreadable> {
         let path = run_dir.join("manifest.json");
-        let text = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-        let json: Value = serde_json::from_slice(&text).with_context(|| format!("cannot read {}", path.display()))?;
-        if json["format"] != FORMAT {
-            bail!("{} is of format {}, but this carl-pipe reads format {FORMAT}", path.display(), json["format"]);
+        let text = match fs::read(&path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(Unreadable::Missing(path)),
+            Err(source) => return Err(Unreadable::System { path, source }),
+        };
+        let damaged = |why: &str| Unreadable::Damaged { path: path.clone(), why: why.to_owned() };
+        let seal = sealed::check(&text);
+        if seal == Seal::Broken {
+            return Err(damaged("its text does not have the digest of its first line"));
         }
-        let mut manifest: Self =
-            serde_json::from_value(json).with_context(|| format!("cannot read {}", path.display()))?;
+        let json: Value = serde_json::from_slice(&text).map_err(|error| damaged(&error.to_string()))?;
+        match json["format"].as_u64() {
+            Some(found) if found == u64::from(UNSEALED) => {}
+            Some(found) if found == u64::from(FORMAT) && seal == Seal::Whole => {}
+            Some(found) if found == u64::from(FORMAT) => return Err(damaged("its first line is lost")),
+            Some(found) => return Err(Unreadable::OtherFormat { path, found }),
+            None => return Err(damaged("it names no format")),
+        }
+        let mut manifest: Self = serde_json::from_value(json).map_err(|error| damaged(&error.to_string()))?;
         if manifest.members.is_empty() {
             // An older carl-pipe, without suites, wrote it.
             manifest.members.push(Member { pipeline: manifest.pipeline.clone(), ..Member::default() });
         }
         if manifest.nodes.iter().any(|record| record.about.member >= manifest.members.len()) {
-            bail!("{} names a pipeline that it does not list", path.display());
+            return Err(damaged("it names a pipeline that it does not list"));
         }
         Ok(manifest)
     }
 
     /// Writes the manifest whole; `durable` also makes it safe from a power cut.
     pub(crate) fn write(&self, run_dir: &Path, durable: bool) -> anyhow::Result<()> {
-        let mut text = serde_json::to_vec_pretty(self).context("cannot write a manifest")?;
-        text.push(b'\n');
+        let text = sealed::seal(self).context("cannot write a manifest")?;
         Ok(store::replace_file(&run_dir.join("manifest.json"), &text, durable)?)
+    }
+
+    /// Whether it has a digest over its own text, so that [`Manifest::read`] has seen that it is undamaged.
+    pub fn is_sealed(&self) -> bool {
+        self.format != UNSEALED
     }
 
     /// The record of the node with this name.

@@ -50,7 +50,7 @@ pub fn repair(
         }
     };
     let wanted = with_inputs(&graph, manifest.nodes.iter().map(|record| !is_whole(record, store)).collect());
-    let order = Order { graph: &graph, wanted, text: &manifest.text, argv: manifest.argv.clone() };
+    let order = Order { graph: &graph, wanted, text: &manifest.text, argv: manifest.argv.clone(), note: None };
     let options = Options { force: Force::Unrecorded, keep_going: true, ..options.clone() };
     let report = execute::run(store, &runs::folder(scratch), &order, &options, listener)?;
     for old in broken {

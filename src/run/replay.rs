@@ -57,7 +57,7 @@ pub fn replay(
     let graph = manifest.graph(kind)?;
     // What the run did not finish cannot be compared, and nothing that it finished needs it.
     let wanted = manifest.nodes.iter().map(|record| record.outcome.output.is_some()).collect();
-    let order = Order { graph: &graph, wanted, text: &manifest.text, argv: manifest.argv.clone() };
+    let order = Order { graph: &graph, wanted, text: &manifest.text, argv: manifest.argv.clone(), note: None };
     let new_store = LocalStore::open(scratch)?;
     let report = execute::run(&new_store, &runs::folder(scratch), &order, options, listener)?;
     let (mut equal, mut differences) = (0, Vec::new());

@@ -1,10 +1,15 @@
-//! The folders of runs: their ids, how to find them, and links in them.
+//! The folders of runs: their ids, their order, how to find them, and links in them.
+//!
+//! The order of runs is the order of their numbers. A folder is named after the time at which its run started, for
+//! people; clocks go wrong, so no decision is taken by that name.
 
 #![allow(clippy::disallowed_methods, reason = "a time names the folder of a run; no key or result holds one")]
 
+mod find;
+
 use std::{
     fs::{self, File},
-    io,
+    io::{self, Read as _},
     os::unix::fs::symlink,
     path::{Path, PathBuf},
     time::{SystemTime, UNIX_EPOCH},
@@ -12,7 +17,15 @@ use std::{
 
 use anyhow::Context as _;
 
-use super::{alive, manifest::Manifest, strays::FRESH_LINK, utc};
+use super::{
+    alive,
+    events::Event,
+    manifest::{Manifest, Unreadable},
+    strays::FRESH_LINK,
+    utc,
+};
+
+pub use find::{FindError, find};
 
 /// The folder of the runs, beside the store that their results are in.
 pub fn folder(artifacts: &Path) -> PathBuf {
@@ -26,6 +39,8 @@ pub struct RunDir {
     pub id: String,
     /// The folder.
     pub path: PathBuf,
+    /// Its number, one above the highest of all runs before it.
+    pub number: u64,
     _alive: File,
 }
 
@@ -33,6 +48,7 @@ impl RunDir {
     /// Makes the folder of a new run below `runs`.
     pub(crate) fn create(runs: &Path) -> anyhow::Result<Self> {
         fs::create_dir_all(runs).with_context(|| format!("cannot make {}", runs.display()))?;
+        let number = list(runs)?.first().and_then(|newest| newest.number).unwrap_or(0) + 1;
         let mut salt = std::process::id();
         loop {
             let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
@@ -43,7 +59,7 @@ impl RunDir {
                     let alive = alive::mark(&path)?;
                     let live = path.join("live");
                     fs::create_dir(&live).with_context(|| format!("cannot make {}", live.display()))?;
-                    return Ok(Self { id, path, _alive: alive });
+                    return Ok(Self { id, path, number, _alive: alive });
                 }
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => salt = salt.wrapping_add(1),
                 Err(error) => return Err(error).with_context(|| format!("cannot make {}", path.display())),
@@ -96,78 +112,75 @@ pub fn file_name(node: &str) -> String {
     node.replace(['/', '\0'], ".")
 }
 
-/// The ids of all runs, newest first.
+/// A run that lies in the folder of the runs. A run is greater than those that started before it.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Found {
+    /// Its number. `None` for runs from before runs had one; by their ids, they come before all others.
+    pub number: Option<u64>,
+    /// Its id, which is the name of its folder.
+    pub id: String,
+}
+
+/// All runs, newest first. Folders that no run made are left out.
 ///
 /// # Errors
 /// The folder cannot be read.
-pub fn list(runs: &Path) -> anyhow::Result<Vec<String>> {
+pub fn list(runs: &Path) -> anyhow::Result<Vec<Found>> {
     let items = match fs::read_dir(runs) {
         Ok(items) => items,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         Err(error) => return Err(error).with_context(|| format!("cannot read {}", runs.display())),
     };
-    let mut ids = Vec::new();
+    let mut found = Vec::new();
     for item in items {
         let item = item.with_context(|| format!("cannot read {}", runs.display()))?;
+        let id = item.file_name().into_string().ok().filter(|name| is_id(name));
         let is_folder = item.file_type().is_ok_and(|kind| kind.is_dir());
-        ids.extend(item.file_name().into_string().ok().filter(|_| is_folder));
+        if let Some(id) = id.filter(|_| is_folder && is_of_a_run(&item.path())) {
+            found.push(Found { number: number(&item.path()), id });
+        }
     }
-    ids.sort_unstable_by(|a, b| b.cmp(a));
-    Ok(ids)
+    found.sort_unstable_by(|one, other| other.cmp(one));
+    Ok(found)
 }
 
-/// Why a run cannot be found.
-#[derive(Debug, thiserror::Error)]
-pub enum FindError {
-    /// There are no runs in this folder.
-    #[error("there are no runs in {} yet; start one with `carl-pipe run PIPELINE`", .0.display())]
-    NoRuns(PathBuf),
-    /// No id begins with this text.
-    #[error("no run begins with `{0}`; `carl-pipe log` lists them")]
-    Unknown(String),
-    /// Several ids begin with the text.
-    #[error("{count} runs begin with `{wanted}`, from {oldest} to {newest}")]
-    Ambiguous {
-        /// The text.
-        wanted: String,
-        /// How many ids begin with it.
-        count: usize,
-        /// The oldest of these ids.
-        oldest: String,
-        /// The newest of these ids.
-        newest: String,
-    },
-    /// The folder of the runs cannot be read.
-    #[error(transparent)]
-    Unreadable(#[from] anyhow::Error),
+/// Whether a run has left a file in a folder.
+fn is_of_a_run(run_dir: &Path) -> bool {
+    ["manifest.json", "events.jsonl", "alive"].iter().any(|name| run_dir.join(name).exists())
 }
 
-/// Finds a run by `latest`, by its id, or by the beginning of its id if only one id begins so.
-///
-/// # Errors
-/// There is no such run, there are several, or the folder cannot be read.
-pub fn find(runs: &Path, wanted: &str) -> Result<PathBuf, FindError> {
-    let ids = list(runs)?;
-    if wanted == "latest" {
-        let pointed = fs::read_link(runs.join("latest")).map(|id| runs.join(id)).ok().filter(|path| path.exists());
-        return match (pointed, ids.first()) {
-            (Some(path), _) => Ok(path),
-            (None, Some(newest)) => Ok(runs.join(newest)),
-            _ => Err(FindError::NoRuns(runs.to_owned())),
-        };
+/// The number of a run as the first bytes of its manifest have it, or those of its events where there is no manifest.
+/// The check of the manifest is not made, since that would read every manifest whole.
+fn number(run_dir: &Path) -> Option<u64> {
+    let of_manifest =
+        |text: String| text.lines().nth(1)?.trim().strip_prefix("\"number\": ")?.trim_end_matches(',').parse().ok();
+    let number = first_bytes(&run_dir.join("manifest.json")).and_then(of_manifest);
+    let number = number.or_else(|| match started(run_dir)? {
+        Event::RunStarted { number, .. } => number,
+        _ => None,
+    });
+    // A larger one is damage, and would leave no number for the next run.
+    number.filter(|&number| number < 1 << 53)
+}
+
+/// The pipeline of a run as its events have it.
+pub fn pipeline_of(run_dir: &Path) -> Option<String> {
+    match started(run_dir)? {
+        Event::RunStarted { pipeline, .. } => Some(pipeline),
+        _ => None,
     }
-    let found: Vec<_> = ids.iter().filter(|id| id.starts_with(wanted)).collect();
-    match found[..] {
-        [id] => Ok(runs.join(id)),
-        [] => Err(FindError::Unknown(wanted.to_owned())),
-        [..] if ids.iter().any(|id| id == wanted) => Ok(runs.join(wanted)),
-        [newest, .., oldest] => Err(FindError::Ambiguous {
-            wanted: wanted.to_owned(),
-            count: found.len(),
-            oldest: oldest.clone(),
-            newest: newest.clone(),
-        }),
-    }
+}
+
+/// The first event of a run.
+fn started(run_dir: &Path) -> Option<Event> {
+    serde_json::from_str(first_bytes(&run_dir.join("events.jsonl"))?.lines().next()?).ok()
+}
+
+/// The beginning of a file, more than its first lines need.
+fn first_bytes(path: &Path) -> Option<String> {
+    let mut bytes = Vec::new();
+    File::open(path).ok()?.take(1024).read_to_end(&mut bytes).ok()?;
+    Some(String::from_utf8_lossy(&bytes).into_owned())
 }
 
 /// Whether the process of a run lives.
@@ -175,10 +188,23 @@ pub fn is_alive(run_dir: &Path) -> bool {
     alive::is_marked(run_dir)
 }
 
-/// The manifests of all runs, newest first. Manifests that cannot be read are left out.
-pub fn manifests(runs: &Path) -> impl Iterator<Item = Manifest> {
-    let runs = runs.to_owned();
-    list(&runs).unwrap_or_default().into_iter().filter_map(move |id| Manifest::read(&runs.join(id)).ok())
+/// The manifests of all runs, newest first, or why one cannot be read.
+///
+/// # Errors
+/// The folder of the runs cannot be read.
+pub fn manifests(runs: &Path) -> anyhow::Result<impl Iterator<Item = (Found, Result<Manifest, Unreadable>)>> {
+    let folder = runs.to_owned();
+    Ok(list(runs)?.into_iter().map(move |found| {
+        let manifest = Manifest::read(&folder.join(&found.id));
+        (found, manifest)
+    }))
+}
+
+/// Whether a name has the shape of an id.
+pub(super) fn is_id(name: &str) -> bool {
+    let widths: Vec<usize> = name.split('-').map(str::len).collect();
+    let is_hex = name.chars().all(|c| c == '-' || c.is_ascii_digit() || matches!(c, 'a'..='f'));
+    is_hex && widths == [8, 6, 3, 4] && name[..19].chars().all(|c| c == '-' || c.is_ascii_digit())
 }
 
 /// Such as `20260802-143501-123-7f3a`: date, time and milliseconds in UTC, and a salt. Ids sort by time.
@@ -194,6 +220,11 @@ mod tests {
     #[test]
     fn an_id_begins_with_the_time() {
         assert_eq!(run_id(1_785_681_301_123, 0x7f), "20260802-143501-123-007f");
+        assert!(is_id("20260802-143501-123-007f"));
+        for other in ["latest", "20260802", "20260802-143501-123-007g", "20260802-14350a-123-007f", ".latest-2026", "ä"]
+        {
+            assert!(!is_id(other), "{other}");
+        }
     }
 
     #[test]

@@ -9,6 +9,24 @@ pub(super) fn now() -> String {
     text(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64))
 }
 
+/// The seconds from 1970 to now.
+pub(super) fn now_secs() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs())
+}
+
+/// The seconds from 1970 to a time such as `2026-08-02T14:35:01Z`; `None` where the text is no such time.
+pub(super) fn secs(text: &str) -> Option<u64> {
+    let part = |from: usize, to: usize| text.get(from..to)?.parse::<u64>().ok();
+    let (year, month, day) = (part(0, 4)?, part(5, 7)?, part(8, 10)?);
+    let of_day = part(11, 13)? * 3600 + part(14, 16)? * 60 + part(17, 19)?;
+    // The same author, days_from_civil.
+    let year = if month <= 2 { year.checked_sub(1)? } else { year };
+    let (era, of_era) = (year / 400, year % 400);
+    let of_year = (153 * ((month + 9) % 12) + 2) / 5 + day.checked_sub(1)?;
+    let days = era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year;
+    Some(days.checked_sub(719_468)? * 86_400 + of_day)
+}
+
 /// A time in milliseconds since 1970 as `2026-08-02T14:35:01Z`.
 pub(super) fn text(unix_millis: u64) -> String {
     let secs = unix_millis / 1000;
@@ -29,11 +47,19 @@ pub(super) fn text(unix_millis: u64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::text;
+    use super::{secs, text};
 
     #[test]
     fn times_are_written_in_utc() {
         assert_eq!(text(0), "1970-01-01T00:00:00Z");
         assert_eq!(text(951_827_696_000), "2000-02-29T12:34:56Z");
+    }
+
+    #[test]
+    fn a_time_is_read_as_it_was_written() {
+        for time in (0..4_102_444_800).step_by(7_654_321) {
+            assert_eq!(secs(&text(time * 1000)), Some(time));
+        }
+        assert_eq!([secs(""), secs("yesterday"), secs("1969-12-31T23:59:59Z")], [None; 3]);
     }
 }

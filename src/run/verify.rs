@@ -198,5 +198,5 @@ impl Verified {
 /// # Errors
 /// The folder cannot be read.
 pub fn run_folders(runs: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    Ok(super::runs::list(runs)?.into_iter().map(|id| runs.join(id)).collect())
+    Ok(super::runs::list(runs)?.into_iter().map(|run| runs.join(run.id)).collect())
 }

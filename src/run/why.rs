@@ -1,6 +1,9 @@
-//! Why a node has to run: what changed since the newest earlier run that had the node, with old and new values.
+//! Why a node has to run: what changed since the earlier run whose node is nearest to it, with old and new values.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
 use serde::Serialize;
 use serde_json::Value;
@@ -20,6 +23,23 @@ use crate::{
 
 /// How many earlier runs are searched for a node.
 const RUNS_TO_READ: usize = 20;
+
+/// Which part of a key is compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Part {
+    /// All of it.
+    Whole,
+    /// All but the inputs, which are not known yet.
+    WithoutInputs,
+}
+
+/// A node of an earlier run, and what has changed since.
+#[derive(Debug)]
+struct Nearest {
+    run: String,
+    has_output: bool,
+    changes: Vec<Change>,
+}
 
 /// Why a node has to run, or why not.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -84,55 +104,68 @@ fn list(changes: &[Change]) -> String {
     changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
 }
 
-/// Earlier runs, newest first. A manifest is read when a node needs it.
+/// Earlier runs, newest first. They are read once a node has to run.
 #[derive(Debug)]
 pub struct History {
-    runs: PathBuf,
-    unread: Option<std::vec::IntoIter<String>>,
+    unread: Option<PathBuf>,
     read: Vec<Manifest>,
 }
 
 impl History {
     /// The runs below a folder.
     pub fn new(runs: &Path) -> Self {
-        Self { runs: runs.to_owned(), unread: None, read: Vec::new() }
+        Self { unread: Some(runs.to_owned()), read: Vec::new() }
     }
 
-    /// The newest earlier run that had a node: of the same pipeline if possible, by name or else by stage and round. A
-    /// pipeline is the same whether it runs alone or in a suite.
-    fn newest(&mut self, pipeline: &str, node: &Node) -> Option<(&Manifest, &NodeRecord)> {
+    /// The node of an earlier run that differs least from a node with this key; of several, that of the newest run. Runs
+    /// of the same pipeline come first, by the name of the node or else by stage and round. A pipeline is the same
+    /// whether it runs alone or in a suite.
+    fn nearest(&mut self, pipeline: &str, node: &Node, key: &Value, part: Part) -> Option<Nearest> {
         let (name, stage) = (without_member(&node.name), without_member(&node.stage));
+        self.read_all();
         let is_it = |record: &NodeRecord, by_name_only: bool| {
             let (old, key) = (&record.about, record.outcome.key);
             let by_stage = without_member(&old.stage) == stage && old.round == node.round && !by_name_only;
             old.work.kind == node.kind.name && key.is_some() && (without_member(&old.name) == name || by_stage)
         };
-        for by_name_only in [true, false] {
-            for at in 0.. {
-                let Some(manifest) = self.nth(at) else { break };
-                let matches = |record: &NodeRecord| {
-                    manifest.members[record.about.member].pipeline == pipeline && is_it(record, by_name_only)
-                };
-                if let Some(row) = manifest.nodes.iter().position(matches) {
-                    return Some((&self.read[at], &self.read[at].nodes[row]));
-                }
-            }
-        }
+        let is_own =
+            |manifest: &Manifest, record: &NodeRecord| manifest.members[record.about.member].pipeline == pipeline;
         // A run of another pipeline counts only if it is about the same environment.
-        let is_like = |record: &NodeRecord| record.about.work.task.name() == node.task.name() && is_it(record, true);
-        let row = |manifest: &Manifest| manifest.nodes.iter().position(is_like);
-        let (at, row) = self.read.iter().enumerate().find_map(|(at, manifest)| Some((at, row(manifest)?)))?;
-        Some((&self.read[at], &self.read[at].nodes[row]))
+        let is_like = |record: &NodeRecord| record.about.work.task.name() == node.task.name();
+        self.least(key, part, |manifest, record| is_own(manifest, record) && is_it(record, true))
+            .or_else(|| self.least(key, part, |manifest, record| is_own(manifest, record) && is_it(record, false)))
+            .or_else(|| self.least(key, part, |_, record| is_like(record) && is_it(record, true)))
     }
 
-    fn nth(&mut self, at: usize) -> Option<&Manifest> {
-        let runs = &self.runs;
-        let unread = self.unread.get_or_insert_with(|| runs::list(runs).unwrap_or_default().into_iter());
-        while self.read.len() <= at && self.read.len() < RUNS_TO_READ {
-            let id = unread.next()?;
-            self.read.extend(Manifest::read(&self.runs.join(id)).ok());
+    /// Of the first node of each run that is `wanted`, the one that differs least.
+    fn least(&self, key: &Value, part: Part, wanted: impl Fn(&Manifest, &NodeRecord) -> bool) -> Option<Nearest> {
+        let mut compared = BTreeSet::new();
+        let mut nearest: Option<Nearest> = None;
+        for manifest in &self.read {
+            let Some(record) = manifest.nodes.iter().find(|record| wanted(manifest, record)) else { continue };
+            // Runs that only used a result have the same key.
+            if !compared.insert((record.outcome.key, record.outcome.output)) {
+                continue;
+            }
+            let mut old = manifest.key_of(record);
+            if part == Part::WithoutInputs {
+                old["inputs"] = Value::Null;
+            }
+            let changes = changes::between(&old, key);
+            if nearest.as_ref().is_none_or(|nearest| changes.len() < nearest.changes.len()) {
+                nearest =
+                    Some(Nearest { run: manifest.run.clone(), has_output: record.outcome.output.is_some(), changes });
+            }
         }
-        self.read.get(at)
+        nearest
+    }
+
+    /// Reads the newest runs, once.
+    fn read_all(&mut self) {
+        if let Some(runs) = self.unread.take() {
+            let manifests = runs::manifests(&runs).into_iter().flatten().filter_map(|(_, manifest)| manifest.ok());
+            self.read = manifests.take(RUNS_TO_READ).collect();
+        }
     }
 }
 
@@ -143,31 +176,28 @@ pub fn reason(graph: &Graph, plan: &Plan, id: NodeId, history: &mut History) -> 
         State::Hit(..) => Reason::Cached,
         State::Stale(_, Cause::Forced) => Reason::Forced,
         State::Stale(_, Cause::Unusable(why)) => Reason::Unusable { why: why.clone() },
-        State::Stale(key, Cause::Missing) => match history.newest(&graph.members[node.member].pipeline, node) {
-            None => Reason::New,
-            Some((manifest, record)) => {
-                let changes = changes::between(&manifest.key_of(record), &key.json);
-                let since = manifest.run.clone();
-                if !changes.is_empty() {
-                    Reason::Changed { changes: name_inputs(node, graph, changes), since }
-                } else if record.outcome.output.is_some() {
-                    Reason::Unusable { why: "its entry is gone".to_owned() }
-                } else {
-                    Reason::Unfinished { since }
-                }
+        State::Stale(key, Cause::Missing) => {
+            let Some(Nearest { run: since, has_output, changes }) =
+                history.nearest(&graph.members[node.member].pipeline, node, &key.json, Part::Whole)
+            else {
+                return Some(Reason::New);
+            };
+            if !changes.is_empty() {
+                Reason::Changed { changes: name_inputs(node, graph, changes), since }
+            } else if has_output {
+                Reason::Unusable { why: "its entry is gone".to_owned() }
+            } else {
+                Reason::Unfinished { since }
             }
-        },
-        State::Waiting(on) => Reason::Waiting {
-            on: on.iter().map(|&source| graph.nodes[source].name.clone()).collect(),
-            changes: history.newest(&graph.members[node.member].pipeline, node).map_or_else(
-                Vec::new,
-                |(manifest, record)| {
-                    let mut old = manifest.key_of(record);
-                    old["inputs"] = Value::Null;
-                    changes::between(&old, &key::without_inputs(&Work::of(node)))
-                },
-            ),
-        },
+        }
+        State::Waiting(on) => {
+            let key = key::without_inputs(&Work::of(node));
+            let nearest = history.nearest(&graph.members[node.member].pipeline, node, &key, Part::WithoutInputs);
+            Reason::Waiting {
+                on: on.iter().map(|&source| graph.nodes[source].name.clone()).collect(),
+                changes: nearest.map_or_else(Vec::new, |nearest| nearest.changes),
+            }
+        }
     })
 }
 

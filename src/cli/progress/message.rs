@@ -41,7 +41,7 @@ impl Messages {
     /// The message of an event, if it has one at this detail.
     pub(super) fn of(&self, event: &Event, detail: Detail) -> Option<String> {
         match event {
-            Event::RunStarted { run, pipeline, seed, nodes } => {
+            Event::RunStarted { run, pipeline, seed, nodes, .. } => {
                 let seed = seed.map_or_else(String::new, |seed| format!(", seed {seed}"));
                 let run = out::dim(&format!("({run})"));
                 Some(format!("{} {pipeline}: {nodes} nodes{seed} {run}", out::bold("run")))

@@ -21,6 +21,7 @@ use std::{
 use super::{
     events::{Event, Events, Listener, NodeState, RunState},
     manifest::Manifest,
+    marks::Marks,
     node::NodeRecord,
     plan::Force,
     runs::RunDir,
@@ -42,6 +43,8 @@ pub struct Order<'a> {
     pub text: &'a str,
     /// The command, for the manifest.
     pub argv: Vec<String>,
+    /// What the run is for, in the user's words.
+    pub note: Option<String>,
 }
 
 /// How to run it.
@@ -114,10 +117,14 @@ pub fn run(
 ) -> anyhow::Result<Report> {
     let dir = RunDir::create(runs)?;
     strays::sweep_links(runs);
+    if order.note.is_some() {
+        Marks { note: order.note.clone(), ..Marks::default() }.write(&dir.path)?;
+    }
     let events = Events::create(&dir.path, listener)?;
-    let manifest = Manifest::begin(&dir.id, order.graph, &order.wanted, order.text, &order.argv);
+    let manifest = Manifest::begin((&dir.id, dir.number), order.graph, &order.wanted, order.text, &order.argv);
     events.emit(&Event::RunStarted {
         run: dir.id.clone(),
+        number: Some(dir.number),
         pipeline: order.graph.name.clone(),
         seed: only_seed(&manifest),
         nodes: manifest.nodes.len(),

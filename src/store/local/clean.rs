@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeSet,
-    fs,
+    fs, io,
     path::{Path, PathBuf},
 };
 
@@ -109,6 +109,9 @@ fn digest_of(path: &Path) -> Option<Digest> {
 
 fn paths_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let paths = fs::read_dir(folder).and_then(|items| items.map(|item| Ok(item?.path())).collect());
+    if paths.as_ref().is_err_and(|error: &io::Error| error.kind() == io::ErrorKind::NotFound) {
+        return Ok(Vec::new());
+    }
     paths.or_io(|| format!("cannot read {}", folder.display()))
 }
 

@@ -158,7 +158,7 @@ fn files_of_others_in_a_store_outlive_every_cleaning() {
     toy.run("run toy.toml -S data.plus=9");
     assert!(fs::symlink_metadata(toy.path("artifacts/runs/.latest-dead")).is_err());
     for _ in 0..2 {
-        let ended = toy.run("gc --keep 1");
+        let ended = toy.run("gc --keep 1 --yes");
         assert_eq!(ended.code, Some(0), "{ended:?}");
     }
     for name in own {

@@ -4,6 +4,7 @@ mod chaos;
 mod environment;
 mod folders;
 mod plot;
+mod runs;
 mod suite;
 mod verbs;
 mod verify;

@@ -86,7 +86,7 @@ fn mistakes_in_the_arguments_of_view_are_found_before_it_starts() {
     let script = view_that("echo started");
     for (words, mistake) in [
         ("view latest --rerun spwan", "`spwan` is none of"),
-        ("view nonesuch", "no run begins with `nonesuch`"),
+        ("view nonesuch", "no run is called `nonesuch`"),
         ("view latest latest --follow", "`--follow` takes one run"),
     ] {
         let ended = run(&toy, words, Some(&script));

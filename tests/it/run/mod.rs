@@ -1,6 +1,7 @@
 //! The store, the cache and the runner, with toy kinds.
 
 mod cache;
+mod gc;
 mod jobs;
 mod runs;
 mod store;

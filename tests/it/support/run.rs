@@ -204,7 +204,7 @@ impl Bench {
 }
 
 pub fn run(store: &LocalStore, graph: &Graph, options: &Options, ear: &Ear) -> anyhow::Result<Report> {
-    let order = Order { graph, wanted: select(graph, &[]).unwrap(), text: "", argv: Vec::new() };
+    let order = Order { graph, wanted: select(graph, &[]).unwrap(), text: "", argv: Vec::new(), note: None };
     execute::run(store, &runs::folder(store.root()), &order, options, ear)
 }
 

@@ -140,7 +140,7 @@ fn a_run_is_followed_from_live_to_published_without_showing_a_message_twice() {
     let director = Director::new(vec![
         Box::new(|| {
             let (run_id, pipeline) = ("20260802-1".into(), "planar_online".into());
-            event(run, &Event::RunStarted { run: run_id, pipeline, seed: Some(7), nodes: 1 });
+            event(run, &Event::RunStarted { run: run_id, number: None, pipeline, seed: Some(7), nodes: 1 });
         }),
         Box::new(|| started(run, "represent@0")),
         Box::new(|| *recorder.borrow_mut() = Some(create(run, "represent@0"))),

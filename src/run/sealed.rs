@@ -1,0 +1,59 @@
+//! JSON files that show damage: their first line holds a digest of all lines that follow.
+
+use serde::Serialize;
+
+use crate::digest::Digest;
+
+/// What the first line of a file says about the others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Seal {
+    /// The lines are those that were written.
+    Whole,
+    /// The lines are others.
+    Broken,
+    /// The file has no digest.
+    Absent,
+}
+
+/// The text of an object, sealed. The whole text is one JSON object with `check` as its first member.
+pub(super) fn seal(object: &impl Serialize) -> serde_json::Result<Vec<u8>> {
+    let text = serde_json::to_string_pretty(object)?;
+    let body = format!("{}\n", text.trim_start_matches("{\n"));
+    Ok(format!("{}{body}", head(Digest::of_bytes(body.as_bytes()))).into_bytes())
+}
+
+/// Compares the first line of a text with the others.
+pub(super) fn check(text: &[u8]) -> Seal {
+    if !text.starts_with(BEGIN.as_bytes()) {
+        return Seal::Absent;
+    }
+    let body = text.iter().position(|&byte| byte == b'\n').map_or(text.len(), |end| end + 1);
+    let is_whole = text[..body] == *head(Digest::of_bytes(&text[body..])).as_bytes();
+    if is_whole { Seal::Whole } else { Seal::Broken }
+}
+
+const BEGIN: &str = "{\"check\":\"";
+
+fn head(check: Digest) -> String {
+    format!("{BEGIN}{check}\",\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use super::*;
+
+    #[test]
+    fn every_flipped_bit_breaks_the_seal_or_the_text() {
+        let text = seal(&json!({"format": 2, "nodes": [{"key": "b3:07"}]})).unwrap();
+        assert_eq!(check(&text), Seal::Whole);
+        assert_eq!(serde_json::from_slice::<Value>(&text).unwrap()["nodes"][0]["key"], "b3:07");
+        for at in 0..text.len() * 8 {
+            let mut flipped = text.clone();
+            flipped[at / 8] ^= 1 << (at % 8);
+            assert_ne!(check(&flipped), Seal::Whole, "bit {at}");
+        }
+        (0..text.len()).for_each(|end| assert_ne!(check(&text[..end]), Seal::Whole, "cut at {end}"));
+    }
+}
