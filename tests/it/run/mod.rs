@@ -1,6 +1,7 @@
 //! The store, the cache and the runner, with toy kinds.
 
 mod cache;
+mod damage;
 mod gc;
 mod jobs;
 mod runs;
