@@ -1,6 +1,7 @@
 //! Reads the pipeline file that a verb names, and selects nodes of its graph.
 
 use std::{
+    cell::RefCell,
     fs,
     path::{Path, PathBuf},
 };
@@ -42,6 +43,8 @@ pub(crate) struct ChangeArgs {
 /// A pipeline file that was read: its text and its graph.
 #[derive(Debug)]
 pub(crate) struct Loaded {
+    /// Every file that was read.
+    pub(crate) files: Vec<PathBuf>,
     pub(crate) text: String,
     pub(crate) graph: Graph,
 }
@@ -53,13 +56,18 @@ pub(crate) fn load(path: &Path, changes: &ChangeArgs, kinds: &'static [Kind], js
     let overrides = Overrides { set: changes.set.clone(), sweep: changes.sweep.clone() };
     let source = Source::new(shown, bytes);
     let folder = path.parent().unwrap_or(Path::new(""));
+    let files = RefCell::new(vec![path.to_owned()]);
     let read = |path: &str| {
         let path = folder.join(path);
+        files.borrow_mut().push(path.clone());
         let bytes = fs::read(&path).map_err(|error| out::tidy(&error.to_string()))?;
         Ok(Source::new(path.display().to_string(), bytes))
     };
     match pipeline::load_with(&source, &overrides, kinds, &read) {
-        Ok(graph) => Ok(Loaded { text: String::from_utf8_lossy(&source.bytes).into_owned(), graph }),
+        Ok(graph) => {
+            let text = String::from_utf8_lossy(&source.bytes).into_owned();
+            Ok(Loaded { files: files.into_inner(), text, graph })
+        }
         Err(mistakes) => {
             if json {
                 out::json(&json!({"version": 1, "mistakes": mistakes.to_json()}));

@@ -3,6 +3,7 @@
 mod bug;
 mod compare;
 mod dag;
+mod doctor;
 mod du;
 mod exit;
 mod file;
@@ -11,6 +12,7 @@ mod live;
 mod log;
 mod mark;
 mod out;
+mod output;
 mod plot;
 mod progress;
 mod replay;
@@ -141,6 +143,8 @@ enum Verb {
     Replay(replay::Args),
     /// Read every result and recording, name what is damaged, and make it again.
     Verify(verify::Args),
+    /// Look at the store, the file system and the machine, and say what to do about what is wrong.
+    Doctor(doctor::Args),
     /// Keep a run whatever `gc` is asked for.
     Pin(mark::PinArgs),
     /// Let `gc` remove a run again.
@@ -205,6 +209,7 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
         Verb::Compare(args) => compare::compare(&global, &args, kinds),
         Verb::Replay(args) => same_bits_everywhere().and_then(|()| replay::replay(&global, &args, kinds)),
         Verb::Verify(args) => same_bits_everywhere().and_then(|()| verify::verify_verb(&global, &args, kinds)),
+        Verb::Doctor(args) => doctor::doctor(&global, &args),
         Verb::Pin(args) => mark::pin(&global, &args),
         Verb::Unpin(args) => mark::unpin(&global, &args),
         Verb::Tag(args) => mark::tag(&global, &args),

@@ -1,15 +1,12 @@
 //! `carl-pipe plot`: writes learning curves and latent maps of runs, as SVG pictures.
 
-use std::{
-    collections::BTreeSet,
-    fs,
-    path::{Path, PathBuf},
-};
+use std::{collections::BTreeSet, fs, path::PathBuf};
 
 use super::{
     Global,
     exit::{Error, Exit},
     out,
+    output::refuse_inputs,
     table::all_outcomes,
 };
 use crate::{
@@ -94,10 +91,10 @@ pub(crate) fn plot(global: &Global, args: &Args, kinds: &[Kind]) -> Result<Exit,
     let has_sizes = outcomes.iter().any(|it| it.point.iter().any(|(axis, _)| axis.ends_with(".samples")));
     let has_rounds = outcomes.is_empty() || outcomes.iter().any(|outcome| outcome.round.is_some());
     if args.runs.len() > 1 || pipelines.len() > 1 || has_sizes || !has_rounds {
-        write(&args.output, by_samples(&outcomes, args.band))?;
+        write(args, global, by_samples(&outcomes, args.band))?;
         return Ok(Exit::Ok);
     }
-    by_round(&OneRun::read(global, args, kinds)?, outcomes, args)
+    by_round(&OneRun::read(global, args, kinds)?, outcomes, args, global)
 }
 
 /// The learning curves by samples, one picture for each task.
@@ -110,11 +107,13 @@ fn by_samples(outcomes: &[Outcome], band: Band) -> Vec<Picture> {
     chart::by_samples(outcomes, band.into()).into_iter().map(picture).collect()
 }
 
-fn write(folder: &Path, pictures: Vec<Picture>) -> Result<(), Error> {
+fn write(args: &Args, global: &Global, pictures: Vec<Picture>) -> Result<(), Error> {
+    let folder = &args.output;
     fs::create_dir_all(folder)
         .map_err(|error| Error::new(Exit::Store, format!("cannot make {}: {error}", folder.display())))?;
     for Picture { name, svg } in pictures {
         let path = folder.join(name);
+        refuse_inputs(&path, &[], &global.artifacts).map_err(|error| Error::usage(error.to_string()))?;
         fs::write(&path, svg)
             .map_err(|error| Error::new(Exit::Store, format!("cannot write {}: {error}", path.display())))?;
         out::line(&path.display().to_string());
@@ -133,7 +132,7 @@ struct OneRun<'a> {
 }
 
 /// Writes the learning curve by round and the latent maps of one pipeline.
-fn by_round(run: &OneRun<'_>, outcomes: Vec<Outcome>, args: &Args) -> Result<Exit, Error> {
+fn by_round(run: &OneRun<'_>, outcomes: Vec<Outcome>, args: &Args, global: &Global) -> Result<Exit, Error> {
     let mut measured: Vec<Outcome> = outcomes.into_iter().filter(|outcome| outcome.round.is_some()).collect();
     if let Some(first) = measured.first().map(|outcome| outcome.stage.clone()) {
         measured.retain(|outcome| outcome.stage == first);
@@ -147,11 +146,11 @@ fn by_round(run: &OneRun<'_>, outcomes: Vec<Outcome>, args: &Args) -> Result<Exi
     // The curve first, since it can be drawn even where a map cannot be read.
     if !measured.is_empty() {
         let svg = chart::by_round(&run.pipeline, &measured);
-        write(&args.output, vec![Picture { name: curve_name.clone(), svg }])?;
+        write(args, global, vec![Picture { name: curve_name.clone(), svg }])?;
     }
     if !maps.is_empty() {
         let svg = run.latent_maps(&maps, &args.point)?;
-        write(&args.output, vec![Picture { name: "latent_map.svg".to_owned(), svg }])?;
+        write(args, global, vec![Picture { name: "latent_map.svg".to_owned(), svg }])?;
     }
     if measured.is_empty() {
         return Err(run.lacks("no evaluation", &curve_name));

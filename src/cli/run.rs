@@ -8,6 +8,7 @@ use super::{
     file::{self, PipelineArgs},
     live::LiveView,
     out,
+    output::refuse_inputs,
     progress::{self, Progress},
     sink::Sink,
     status,
@@ -87,6 +88,9 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
         let plan = plan(graph, &wanted, &global.store_to_read()?, &force)?;
         status::show(graph, &plan, &mut History::new(&global.runs()), args.json, global);
         return Ok(Exit::Ok);
+    }
+    if let Some(output) = args.rerun.as_ref().and_then(Sink::file) {
+        refuse_inputs(output, &loaded.files, &global.artifacts).map_err(|error| Error::usage(error.to_string()))?;
     }
     let store = global.store_to_run()?;
     let view = args.rerun.clone().map(|sink| LiveView::new(sink, global.runs())).transpose()?;

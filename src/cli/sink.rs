@@ -1,6 +1,10 @@
 //! The sink of a view, as users write it: `spawn`, `connect[=URL]`, `serve[=PORT]` or `save=FILE`.
 
-use std::{fmt, path::PathBuf, str::FromStr};
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+    str::FromStr,
+};
 
 /// The port that Rerun viewers listen on by default.
 const VIEWER_PORT: u16 = 9876;
@@ -52,6 +56,11 @@ impl FromStr for Sink {
 }
 
 impl Sink {
+    /// The file that the sink writes, if it writes one.
+    pub fn file(&self) -> Option<&Path> {
+        if let Sink::Save { path } = self { Some(path) } else { None }
+    }
+
     /// The URL of the viewer at a host and port.
     pub fn viewer_url(host: &str, port: u16) -> String {
         format!("rerun+http://{host}:{port}/proxy")

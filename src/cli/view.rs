@@ -13,10 +13,11 @@ use anyhow::bail;
 use super::{
     Global,
     exit::{Error, Exit},
+    output::{files_of_run, refuse_inputs},
     sink::Sink,
     view_program,
 };
-use crate::run::runs;
+use crate::{record, run::runs};
 
 /// The arguments of `carl-pipe view`, and of `carl-view`.
 #[derive(Debug, clap::Args)]
@@ -50,19 +51,44 @@ impl ViewArgs {
     /// The files and folders to show. Runs are found in the store `artifacts`.
     ///
     /// # Errors
-    /// If there is no such run or file, or more than one run is to be followed.
+    /// If there is no such run or file, none of the files is a recording, more than one run is to be followed, or the
+    /// sink is a file that would be read.
     pub fn target(&self, artifacts: &Path) -> anyhow::Result<ViewTarget> {
         let runs = runs::folder(artifacts);
         let find = |what: &String| {
             if Path::new(what).exists() { Ok(PathBuf::from(what)) } else { runs::find(&runs, what) }
         };
         let mut paths: Vec<PathBuf> = self.what.iter().map(find).collect::<Result<_, _>>()?;
+        if let Some(output) = self.rerun.file() {
+            let inputs: Vec<PathBuf> = paths.iter().flat_map(|path| inputs(path)).collect();
+            refuse_inputs(output, &inputs, artifacts)?;
+        }
         match (self.follow, paths.len()) {
-            (false, _) => Ok(ViewTarget::Open(paths)),
-            (true, 1) => Ok(ViewTarget::Follow(paths.remove(0))),
+            (false, _) => {
+                refuse_unfit(&paths)?;
+                Ok(ViewTarget::Open(paths))
+            }
+            (true, 1) if paths[0].is_dir() => Ok(ViewTarget::Follow(paths.remove(0))),
             (true, _) => bail!("`--follow` takes one run"),
         }
     }
+}
+
+/// The files that a path stands for.
+fn inputs(path: &Path) -> Vec<PathBuf> {
+    if path.is_dir() { files_of_run(path) } else { vec![path.to_owned()] }
+}
+
+/// Refuses files of which none can be shown. Where some can, the view names the others.
+fn refuse_unfit(paths: &[PathBuf]) -> anyhow::Result<()> {
+    let mut reasons = Vec::new();
+    for path in paths {
+        match if path.is_dir() { Ok(()) } else { record::check(path) } {
+            Ok(()) => return Ok(()),
+            Err(why) => reasons.push(format!("cannot show {}: {why}", path.display())),
+        }
+    }
+    bail!(reasons.join("; "))
 }
 
 /// The command that shows `target` with `carl-view`.

@@ -38,7 +38,7 @@ pub(crate) fn find() -> Result<PathBuf, Error> {
 }
 
 /// True for a file that somebody may execute.
-fn is_program(file: &Path) -> bool {
+pub(super) fn is_program(file: &Path) -> bool {
     file.metadata().is_ok_and(|metadata| metadata.is_file() && metadata.permissions().mode() & 0o111 != 0)
 }
 

@@ -8,6 +8,7 @@ mod colour;
 mod decode;
 mod descriptor;
 mod encode;
+mod fit;
 mod frame;
 mod live;
 mod node_info;
@@ -19,6 +20,7 @@ pub mod topic;
 mod wire;
 mod writer;
 
+pub use fit::{Unfit, check};
 pub use frame::{Frame, Level, MapFrame, Message, TrajectoryFrame};
 pub use node_info::NodeInfo;
 pub use reader::{Channel, Polled, RawMessage, Reader};

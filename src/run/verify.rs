@@ -10,7 +10,7 @@ use std::{
     thread,
 };
 
-use super::manifest::Manifest;
+use super::manifest::{Manifest, Unreadable};
 use crate::{
     digest::Digest,
     store::{Entry, Fault, LocalStore, ResultStore as _},
@@ -114,7 +114,10 @@ fn manifests(runs: &[PathBuf], found: &mut Verified) -> Vec<Manifest> {
             Ok(manifest) => manifests.push(manifest),
             Err(error) => {
                 let run = run_dir.file_name().map(|name| name.to_string_lossy().into_owned());
-                let fault = Fault::Unreadable(format!("{error:#}"));
+                let fault = match error {
+                    Unreadable::Damaged { .. } => Fault::Damaged,
+                    other => Fault::Unreadable(format!("{:#}", anyhow::Error::from(other))),
+                };
                 found.problems.push(Use { run, is_used: true, ..Use::of("manifest") }.problem(fault, path));
             }
         }

@@ -2,6 +2,8 @@
 
 use std::{path::Path, time::Duration};
 
+use anyhow::bail;
+
 use crate::{host::ViewHost, run_view::RunView, viewer::Viewer};
 
 /// How often a follower looks for new events and messages.
@@ -10,7 +12,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(100);
 /// Shows a run as it works. Returns once the run has finished, its process is gone, or the host asks to stop.
 ///
 /// # Errors
-/// If the viewer is gone or the run's events cannot be read. A recording that cannot be read is reported to the host,
+/// If the viewer is gone, the run's events cannot be read, or the process of the run is gone and there is no event. A recording that cannot be read is reported to the host,
 /// and the view goes on.
 pub fn follow(run_dir: &Path, viewer: &mut dyn Viewer, host: &dyn ViewHost) -> anyhow::Result<()> {
     let mut run = RunView::new(run_dir, String::new(), viewer, host);
@@ -23,6 +25,9 @@ pub fn follow(run_dir: &Path, viewer: &mut dyn Viewer, host: &dyn ViewHost) -> a
             }
             std::thread::sleep(POLL_INTERVAL);
         }
+    }
+    if run.is_empty() && !host.should_stop() {
+        bail!("{} is no run that works, and holds no event", run_dir.display());
     }
     run.close()
 }

@@ -1,6 +1,7 @@
 //! Shows carl-pipe's runs and recordings in the Rerun viewer. `carl-pipe view` and `carl-pipe run --rerun` start it.
 
 use std::{
+    io::Write as _,
     path::{Path, PathBuf},
     process::ExitCode,
 };
@@ -42,8 +43,13 @@ impl ViewHost for Terminal<'_> {
     }
 
     fn note(&self, text: &str) {
-        eprintln!("{text}");
+        say(text);
     }
+}
+
+/// Writes a line to standard error, which may be closed.
+fn say(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
 }
 
 fn main() -> ExitCode {
@@ -51,7 +57,7 @@ fn main() -> ExitCode {
     match show(&args) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            say(&format!("error: {error:#}"));
             ExitCode::from(SYSTEM_ERROR)
         }
     }

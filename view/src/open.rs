@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
-use carl_pipe::record::{NodeInfo, Polled, Reader};
+use carl_pipe::record::{self, NodeInfo, Polled, Reader};
 
 use crate::{
     host::ViewHost,
@@ -16,7 +16,7 @@ use crate::{
 /// Shows runs, folders of recordings, and single recordings.
 ///
 /// # Errors
-/// If nothing exists at a path, a folder holds nothing to show, or the viewer is gone. A recording that cannot be read
+/// If nothing exists at a path, nothing can be shown, or the viewer is gone. A file that is no recording, or a damaged one,
 /// is reported to the host, and the others are shown.
 pub fn open(paths: &[PathBuf], viewer: &mut dyn Viewer, host: &dyn ViewHost) -> anyhow::Result<()> {
     if let Some(missing) = paths.iter().find(|path| !path.exists()) {
@@ -28,6 +28,9 @@ pub fn open(paths: &[PathBuf], viewer: &mut dyn Viewer, host: &dyn ViewHost) -> 
         let prefix = if runs.len() > 1 { format!("{name}/") } else { String::new() };
         let mut run = RunView::new(run_dir, prefix, viewer, host);
         while run.show_new()? && !host.should_stop() {}
+        if run.is_empty() && !host.should_stop() {
+            bail!("{} holds no event that could be shown", run_dir.display());
+        }
         run.close()?;
     }
     let (folders, files): (Vec<&PathBuf>, Vec<&PathBuf>) = others.into_iter().partition(|path| path.is_dir());
@@ -60,7 +63,18 @@ fn recordings_in(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
 
 /// Shows recordings without a run around them, ordered by round and otherwise as given.
 fn show_files(files: &[PathBuf], viewer: &mut dyn Viewer, host: &dyn ViewHost) -> anyhow::Result<()> {
-    let mut nodes: Vec<(NodeInfo, &PathBuf)> = files.iter().map(|file| (node_of(file), file)).collect();
+    let is_fit = |file: &&PathBuf| match record::check(file) {
+        Ok(()) => true,
+        Err(why) => {
+            host.note(&format!("cannot show {}: {why}", file.display()));
+            false
+        }
+    };
+    let fit: Vec<&PathBuf> = files.iter().filter(is_fit).collect();
+    if fit.is_empty() && !files.is_empty() {
+        bail!("none of {} files can be shown", files.len());
+    }
+    let mut nodes: Vec<(NodeInfo, &PathBuf)> = fit.into_iter().map(|file| (node_of(file), file)).collect();
     nodes.sort_by_key(|(node, _)| node.round);
     let mut timeline = Timeline::default();
     for (node, file) in nodes {

@@ -35,6 +35,8 @@ pub(crate) struct RunView<'a> {
     /// Nodes that have finished. A run that goes on names them again.
     finished: BTreeSet<String>,
     has_ended: bool,
+    /// Whether no event was shown yet.
+    is_empty: bool,
 }
 
 impl<'a> RunView<'a> {
@@ -50,12 +52,18 @@ impl<'a> RunView<'a> {
             working: BTreeMap::new(),
             finished: BTreeSet::new(),
             has_ended: false,
+            is_empty: true,
         }
     }
 
     /// True once the run has written its last event.
     pub(crate) fn has_ended(&self) -> bool {
         self.has_ended
+    }
+
+    /// True while no event was shown.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.is_empty
     }
 
     /// Shows what happened since the last call; true if something did.
@@ -66,6 +74,7 @@ impl<'a> RunView<'a> {
         let mut is_new = false;
         while let Some(event) = self.events.poll()? {
             is_new = true;
+            self.is_empty = false;
             self.on_event(event)?;
         }
         for playback in self.working.values_mut() {

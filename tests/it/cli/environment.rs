@@ -61,6 +61,8 @@ fn output_that_cannot_be_written_is_exit_code_4_for_every_verb() {
         "plot latest -o pictures",
         "replay latest -q",
         "gc -n",
+        "verify",
+        "doctor",
         "completions bash",
         "--help",
         "run --help",

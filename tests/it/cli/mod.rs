@@ -1,6 +1,7 @@
 //! The program as a user meets it.
 
 mod chaos;
+mod doctor;
 mod environment;
 mod folders;
 mod plot;

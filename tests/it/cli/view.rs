@@ -70,7 +70,7 @@ fn a_run_starts_a_view_that_follows_it() {
 fn the_view_verb_passes_its_arguments_on_and_keeps_the_exit_code() {
     let toy = Toy::new();
     toy.run("run toy.toml --quiet");
-    fs::write(toy.path("a.mcap"), "").unwrap();
+    fs::copy(toy.path("artifacts/runs/latest/learn@1.mcap"), toy.path("a.mcap")).unwrap();
     let script = view_that("echo \"$*\"; exit 9");
     let ended = run(&toy, "view a.mcap --rerun connect=desk", Some(&script));
     assert_eq!((ended.code, ended.out.as_str()), (Some(9), "--rerun connect=rerun+http://desk:9876/proxy -- a.mcap\n"));
@@ -93,4 +93,72 @@ fn mistakes_in_the_arguments_of_view_are_found_before_it_starts() {
         assert_eq!((ended.code, ended.out.as_str()), (Some(2), ""), "{ended:?}");
         assert!(ended.err.contains(mistake), "{}", ended.err);
     }
+}
+
+#[test]
+fn a_file_that_is_no_recording_is_named_before_the_view_starts() {
+    let toy = Toy::new();
+    toy.run("run toy.toml --quiet");
+    let recording = toy.path("artifacts/runs/latest/learn@1.mcap");
+    let bytes = fs::read(&recording).unwrap();
+    let script = view_that("echo started");
+    fs::write(toy.path("text.mcap"), "this is no recording").unwrap();
+    fs::write(toy.path("empty.mcap"), "").unwrap();
+    fs::write(toy.path("begun.mcap"), &bytes[..8]).unwrap();
+    let mut damaged = bytes.clone();
+    for at in 300..bytes.len() - 40 {
+        damaged[at] ^= 0x55;
+    }
+    fs::write(toy.path("damaged.mcap"), damaged).unwrap();
+    let foreign = fs::File::create(toy.path("foreign.mcap")).unwrap();
+    let mut writer = mcap::Writer::new(std::io::BufWriter::new(foreign)).unwrap();
+    let schema = writer.add_schema("other.Type", "jsonschema", b"{}").unwrap();
+    let channel_id = writer.add_channel(schema, "/other", "json", &Default::default()).unwrap();
+    let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
+    writer.write_to_known_channel(&header, b"{}").unwrap();
+    writer.finish().unwrap();
+    drop(writer);
+    for (file, why) in [
+        ("text", "it is not an MCAP file"),
+        ("empty", "it is not an MCAP file"),
+        ("begun", "it holds no message"),
+        ("damaged", "it is a damaged recording: "),
+        ("foreign", "it is an MCAP file without carl-pipe's schemas"),
+    ] {
+        let ended = run(&toy, &format!("view {file}.mcap"), Some(&script));
+        assert_eq!((ended.code, ended.out.as_str()), (Some(2), ""), "{ended:?}");
+        assert!(ended.err.contains(&format!("cannot show {file}.mcap: {why}")), "{}", ended.err);
+    }
+    // Where some can be shown, the view starts; it names the others.
+    let ended = run(&toy, "view text.mcap artifacts/runs/latest/learn@1.mcap", Some(&script));
+    assert_eq!((ended.code, ended.out.as_str()), (Some(0), "started\n"), "{ended:?}");
+    let ended = run(&toy, "view text.mcap --follow", Some(&script));
+    assert!(ended.err.contains("`--follow` takes one run"), "{ended:?}");
+}
+
+#[test]
+fn an_output_that_is_an_input_is_refused() {
+    let toy = Toy::new();
+    toy.run("run toy.toml --quiet");
+    let script = view_that("echo started");
+    let latest = "artifacts/runs/latest";
+    std::os::unix::fs::symlink("toy.toml", toy.path("soft")).unwrap();
+    fs::hard_link(toy.path("toy.toml"), toy.path("hard")).unwrap();
+    std::os::unix::fs::symlink(format!("{latest}/learn@1.mcap"), toy.path("percent_goal.svg")).unwrap();
+    let before = fs::read(toy.path("percent_goal.svg")).unwrap();
+    for words in [
+        "run toy.toml --rerun save=toy.toml".to_owned(),
+        "run toy.toml --rerun save=soft".to_owned(),
+        "run toy.toml --rerun save=hard".to_owned(),
+        format!("view latest --rerun save={latest}/manifest.json"),
+        format!("view latest --rerun save={latest}/learn@1.mcap"),
+        format!("view {latest}/learn@1.mcap --rerun save=./{latest}/../latest/learn@1.mcap"),
+        "plot latest".to_owned(),
+    ] {
+        let ended = run(&toy, &words, Some(&script));
+        assert_eq!((ended.code, ended.out.as_str()), (Some(2), ""), "{words}: {ended:?}");
+        assert!(ended.err.contains("; choose another output"), "{words}: {ended:?}");
+    }
+    assert_eq!(fs::read(toy.path("percent_goal.svg")).unwrap(), before);
+    assert!(fs::read_to_string(toy.path("toy.toml")).unwrap().starts_with("schema = 1"));
 }

@@ -233,11 +233,25 @@ fn a_recording_that_cannot_be_read_is_said_and_the_others_are_shown() {
     let files: Vec<PathBuf> = ["a.mcap", "b.mcap"].map(|file| run.join(file)).into();
     open(&files, &mut shown, &director).unwrap();
     assert_eq!(shown.values().len(), 3);
-    assert!(director.notes.borrow()[0].contains("a.mcap: "), "{:?}", director.notes);
+    assert!(director.notes.borrow()[0].ends_with("a.mcap: it is not an MCAP file"), "{:?}", director.notes);
 
     let mut whole_folder = Shown::default();
     open(&[run.to_owned()], &mut whole_folder, &director).unwrap();
     assert_eq!(whole_folder.values(), shown.values());
+}
+
+#[test]
+fn where_nothing_can_be_shown_there_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("a.mcap"), "this is not a recording").unwrap();
+    let director = Director::new(Vec::new());
+    let error = open(&[folder.path().to_owned()], &mut Shown::default(), &director).unwrap_err();
+    assert_eq!(error.to_string(), "none of 1 files can be shown");
+    let error = follow(folder.path(), &mut Shown::default(), &director).unwrap_err();
+    assert!(error.to_string().ends_with("is no run that works, and holds no event"), "{error}");
+    fs::write(folder.path().join("events.jsonl"), "no event\n").unwrap();
+    let error = open(&[folder.path().to_owned()], &mut Shown::default(), &director).unwrap_err();
+    assert!(error.to_string().ends_with("holds no event that could be shown"), "{error}");
 }
 
 #[test]
