@@ -43,10 +43,9 @@ impl Transitions {
         self.picture.0 * self.picture.1
     }
 
-    /// Bytes that `count` transitions with observations of so many pixels take: in memory, laid out as a tensor, and as
-    /// the bytes of a file.
+    /// Bytes that `count` transitions take in memory, with observations of so many pixels.
     pub fn memory(count: u64, pixels: usize) -> u64 {
-        count.saturating_mul(2 * 3 * pixels as u64)
+        count.saturating_mul(2 * pixels as u64)
     }
 
     /// Makes room for `count` more transitions.

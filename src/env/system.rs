@@ -139,6 +139,10 @@ impl Simulator for Simulation {
         let limit = self.system.action_limit();
         let action: Vec<f64> = action.iter().zip(limit).map(|(&share, limit)| f64::from(share) * limit).collect();
         let next = self.system.step(&self.now.state, &action, rng);
+        anyhow::ensure!(
+            next.iter().all(|number| number.is_finite()),
+            "the state is not finite: lower `noise` in `[task]`"
+        );
         self.now.before = std::mem::replace(&mut self.now.state, next);
         Ok(())
     }

@@ -53,7 +53,7 @@ impl TrainingStep {
     pub(super) fn must_be_finite(self, losses: &[(&str, f64)], are_weights_finite: bool) -> Result<(), Diverged> {
         let what = match losses.iter().find(|(_, loss)| !loss.is_finite()) {
             Some((name, loss)) => format!("`{name}` is {loss}"),
-            None if !are_weights_finite => "a weight is not finite".to_owned(),
+            None if !are_weights_finite => "a weight or a moment of Adam is not finite".to_owned(),
             None => return Ok(()),
         };
         Err(self.diverged(what))
@@ -112,4 +112,75 @@ fn cause<P: Params>(diverged: &Diverged, params: &Value, task: &Task) -> String 
 /// A number with an exponent where it is long without.
 fn short(value: f64) -> String {
     if value == 0.0 || (1e-4..1e6).contains(&value.abs()) { format!("{value}") } else { format!("{value:e}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[derive(Debug, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+    #[serde(default)]
+    struct Toy {
+        learning_rate: f64,
+        weight: f64,
+        extra: f64,
+        sigma: f64,
+    }
+
+    impl Default for Toy {
+        fn default() -> Self {
+            Self { learning_rate: 0.001, weight: 7.0, extra: 0.0, sigma: 0.3 }
+        }
+    }
+
+    impl Params for Toy {
+        const STEP_SCALES: &'static [StepScale] = &[
+            StepScale::Grows("learning_rate"),
+            StepScale::Grows("weight"),
+            StepScale::Grows("extra"),
+            StepScale::Shrinks("sigma"),
+            StepScale::Grows("choice.of.another"),
+        ];
+
+        fn preset(of: &PresetOf<'_>) -> Self {
+            let weight = if of.preset == Preset::Paper { 7e4 } else { 7.0 };
+            Self { weight, ..Self::default() }
+        }
+    }
+
+    fn said(learning_rate: f64, weight: f64, extra: f64, sigma: f64) -> String {
+        let params = json!(Toy { learning_rate, weight, extra, sigma });
+        let task = serde_json::from_value(json!({ "env": "planar" })).unwrap();
+        let step = TrainingStep { number: 17, learning_rate: "learning_rate" };
+        let error = step.must_be_finite(&[("a", 1.0), ("b", f64::NAN)], true).unwrap_err();
+        let text = format!("{:#}", with_cause::<Toy>(error.into(), &params, &task));
+        text.strip_prefix("diverged in step 17: `b` is NaN; ").unwrap().to_owned()
+    }
+
+    #[test]
+    fn the_cause_is_the_parameter_that_is_furthest_from_its_default() {
+        let cause = |named: &str, default: &str| format!("`{named} is the likely cause: try {default}, its default");
+        assert_eq!(said(1e6, 7e5, 1e3, 0.3), cause("learning_rate` = 1e6", "0.001"));
+        assert_eq!(said(0.02, 7e6, 0.0, 0.3), cause("weight` = 7e6", "70000"));
+        assert_eq!(said(0.001, 7.0, 50.0, 0.3), cause("extra` = 50", "0"));
+        assert_eq!(said(0.02, 70.0, 5.0, 1e-30), cause("sigma` = 1e-30", "0.3"));
+        let none =
+            |rate: &str| format!("no parameter is far from its default: try a smaller `learning_rate` than {rate}");
+        assert_eq!(said(0.001, 7.0, 0.0, 0.3), none("0.001"));
+        assert_eq!(said(0.005, 7e4, 0.0, 3e9), none("0.005"), "the weight is the default of the other preset");
+    }
+
+    #[test]
+    fn a_step_is_refused_for_losses_first_and_other_errors_keep_their_type() {
+        let step = TrainingStep { number: 0, learning_rate: "learning_rate" };
+        assert!(step.must_be_finite(&[("a", f64::MAX)], true).is_ok());
+        let told = |losses: &[(&str, f64)]| step.must_be_finite(losses, false).unwrap_err().to_string();
+        assert_eq!(told(&[("a", 1.0), ("b", f64::NEG_INFINITY)]), "diverged in step 0: `b` is -inf");
+        assert_eq!(told(&[("a", 1.0)]), "diverged in step 0: a weight or a moment of Adam is not finite");
+        let task = serde_json::from_value(json!({ "env": "planar" })).unwrap();
+        let error = with_cause::<Toy>(crate::stage::Interrupted.into(), &json!({}), &task);
+        assert!(error.is::<crate::stage::Interrupted>());
+    }
 }

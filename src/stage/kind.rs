@@ -5,8 +5,8 @@ use serde_json::Value;
 
 use super::{
     InputFiles, Inputs as _, Memory, Params, Port, PresetOf, Refusal, Stage, StageCx, collect, control_ilqr,
-    distill_policy, divergence, evaluate, export_latent_map, generate_data, network_sizes, summarize, train_lce,
-    train_sac,
+    distill_policy, divergence, evaluate, export_latent_map, generate_data, memory, network_sizes, summarize,
+    train_lce, train_sac,
 };
 use crate::{
     artifact::{Artifact as _, Files, must_be_finite},
@@ -86,9 +86,12 @@ fn check<P: Params>(params: &P, task: &Task) -> Vec<Refusal> {
     refusals
 }
 
-/// Runs a stage. Neither its headline metric nor its files hold a number that is not finite.
+/// Runs a stage on a machine with memory for it. Neither its headline metric nor its files hold a number that is not finite.
 fn run<S: Stage>(params: &Value, inputs: &InputFiles<'_>, cx: &mut StageCx<'_>) -> anyhow::Result<Files> {
     let typed: S::Params = serde_json::from_value(params.clone())?;
+    if let Some(memory) = typed.memory(&network_sizes(cx.task)) {
+        memory.must_fit(memory::of_this_machine())?;
+    }
     let inputs = S::Inputs::load(inputs)?;
     let made = S::run(&typed, inputs, cx);
     let output = made.map_err(|error| divergence::with_cause::<S::Params>(error, params, cx.task))?;

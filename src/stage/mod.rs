@@ -14,6 +14,7 @@ mod fits;
 mod generate_data;
 mod inputs;
 mod kind;
+mod memory;
 mod networks;
 mod params;
 mod probe;
@@ -30,9 +31,10 @@ pub use divergence::{Diverged, StepScale};
 pub(crate) use inputs::inputs;
 pub use inputs::{Arity, InputFiles, Inputs, Port, PortField, load_port};
 pub use kind::{Kind, kind, registry, registry_with};
+pub use memory::{MOST_MEMORY, Memory};
 pub use networks::network_sizes;
 pub(crate) use params::NoParams;
-pub use params::{MOST_MEMORY, MOST_PASSES, MOST_STEPS, Memory, Params, PresetOf, Refusal, above_zero, count, within};
+pub use params::{MOST_PASSES, MOST_STEPS, Params, PresetOf, Refusal, above_zero, count, within};
 pub use state::StageState;
 
 /// One kind of stage: it takes typed parameters and inputs, and makes one artifact.

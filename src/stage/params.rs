@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
 
-use super::{Preset, StepScale};
+use super::{Memory, Preset, StepScale};
 use crate::{env::Task, lce::Sizes};
 
 /// The parameters of a kind. Derive `Serialize`, `Deserialize` (with `deny_unknown_fields, default`) and `JsonSchema`.
@@ -22,7 +22,8 @@ pub trait Params: Serialize + DeserializeOwned + Default + schemars::JsonSchema 
         Vec::new()
     }
 
-    /// The memory that these parameters ask for, with networks of these widths. More than [`MOST_MEMORY`] is refused.
+    /// The memory that these parameters ask for, with networks of these widths. More than
+    /// [`MOST_MEMORY`](super::MOST_MEMORY) is refused.
     fn memory(&self, _: &Sizes) -> Option<Memory> {
         None
     }
@@ -81,26 +82,6 @@ pub fn count(refusals: &mut Vec<Refusal>, path: &'static str, value: u64, range:
 pub const MOST_STEPS: u64 = 1_000_000_000;
 /// The most passes over the data that a parameter may ask for.
 pub const MOST_PASSES: u64 = 1_000_000;
-/// The most bytes that the parameters of a stage may ask for: 64 GiB, on every machine.
-pub const MOST_MEMORY: u64 = 64 << 30;
-
-/// An estimate of the memory that parameters ask for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Memory {
-    /// The parameter to lower.
-    pub path: &'static str,
-    /// Bytes.
-    pub bytes: u64,
-}
-
-impl Memory {
-    /// Refuses more than [`MOST_MEMORY`].
-    pub(super) fn refusal(self) -> Option<Refusal> {
-        let gib = |bytes: u64| (bytes as f64 / (1_u64 << 30) as f64).ceil();
-        let why = || format!("needs about {} GiB of memory; the most is {} GiB", gib(self.bytes), gib(MOST_MEMORY));
-        (self.bytes > MOST_MEMORY).then(|| Refusal { path: self.path, why: why() })
-    }
-}
 
 /// What the defaults of a kind may depend on.
 #[derive(Debug)]

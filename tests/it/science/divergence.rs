@@ -5,8 +5,16 @@ use std::{
     sync::LazyLock,
 };
 
-use crate::support::stages;
-use carl_pipe::artifact::{Files, must_be_finite};
+use crate::support::{
+    run::{Bench, state},
+    stages,
+};
+use carl_pipe::{
+    artifact::{Files, must_be_finite},
+    pipeline::{Overrides, Source, load},
+    run::events::NodeState,
+    stage,
+};
 use serde_json::{Value, json};
 
 pub(super) static CHAIN: LazyLock<stages::Chain> = LazyLock::new(stages::Chain::run);
@@ -53,6 +61,11 @@ fn training() -> Vec<(&'static str, Value, Owned<'static>)> {
             vec![data(), ("warm_start", vec![&chain.amortized_model])],
         ),
         ("train_lce", json!({ "epochs": 1, "slopes": { "exact": { "refit_steps": 20 } } }), next()),
+        (
+            "train_lce",
+            json!({ "epochs": 1, "objective": { "value_guided": { "normalize": false } } }),
+            [next(), vec![("value", vec![&chain.agent])]].concat(),
+        ),
         ("train_sac", json!({ "steps": 8, "bootstrap": true }), vec![data(), ("model", vec![&chain.model])]),
         ("distill_policy", json!({ "steps": 8, "batch": 32 }), carry),
     ]
@@ -101,4 +114,47 @@ fn training_with_absurd_steps_or_losses_diverges_by_name_or_ends_finite() {
     ] {
         assert!(diverged.contains(&(kind, path)), "{path} never made {kind} diverge");
     }
+}
+
+#[test]
+fn a_deviation_that_a_loss_divides_by_is_named_where_it_is_tiny() {
+    let tiny = json!({ "epochs": 2, "warm_up": { "epochs": 2, "anchor_epochs": 0, "loss": { "sigma": 1e-30 } } });
+    let error = error_of("train_lce", tiny, &vec![("transitions", vec![&CHAIN.bootstrap])]).expect("diverged");
+    assert!(error.ends_with("; `warm_up.loss.sigma` = 1e-30 is the likely cause: try 0.3, its default"), "{error}");
+}
+
+#[test]
+fn a_stage_that_diverged_has_no_result_and_nothing_after_it_runs() {
+    let text = r#"schema = 1
+name = "diverges"
+[task]
+env = "planar"
+[stages.data]
+kind = "generate_data"
+samples = 32
+[stages.represent]
+kind = "train_lce"
+inputs = { transitions = "data" }
+epochs = 2
+warm_up = { epochs = 1, anchor_epochs = 0 }
+ramp.epochs = 0
+restarts = 0
+[stages.control]
+kind = "train_sac"
+inputs = { transitions = "data", model = "represent" }
+steps = 250
+critic_learning_rate = 1e6
+[stages.evaluate]
+kind = "evaluate"
+inputs = { model = "represent", agent = "control" }
+"#;
+    let graph = load(&Source::new("p.toml", text), &Overrides::default(), stage::registry()).expect("a pipeline");
+    let bench = Bench::new();
+    let (report, ear) = bench.run(&graph);
+    assert_eq!(ear.ran(), ["data", "represent"]);
+    assert_eq!(["control", "evaluate"].map(|node| state(&report, node)), [NodeState::Failed, NodeState::Pending]);
+    let failed = format!("{:?}", report.nodes.iter().find_map(|node| node.failure.as_ref()));
+    assert!(failed.contains("diverged in step ") && failed.contains("`critic_learning_rate` = 1e6"), "{failed}");
+    let again = bench.run(&graph).1;
+    assert_eq!(again.ran(), [""; 0], "the same is not computed twice, and nothing was published");
 }

@@ -71,14 +71,19 @@ broken! {
     };
 }
 
+/// The error of a kind that fails.
+fn error<S: Stage>() -> String {
+    let mut record = Recorder::off();
+    let task = stages::planar();
+    let mut cx = StageCx::new(&mut record, &task, stages::stream(S::KIND), 0, Threads::new(1), &stages::Quiet);
+    let made = (Kind::of::<S>().run)(&json!({}), &InputFiles::default(), &mut cx);
+    format!("{:#}", made.expect_err(S::KIND))
+}
+
 #[test]
 fn no_type_of_artifact_is_published_with_a_number_that_is_not_finite() {
     fn refusal<A: Broken>() -> String {
-        let mut record = Recorder::off();
-        let task = stages::planar();
-        let mut cx = StageCx::new(&mut record, &task, stages::stream("gives"), 0, Threads::new(1), &stages::Quiet);
-        let made = (Kind::of::<Gives<A>>().run)(&json!({}), &InputFiles::default(), &mut cx);
-        format!("{:#}", made.expect_err(A::TYPE))
+        error::<Gives<A>>()
     }
     assert_eq!(refusal::<Transitions>(), "`transitions.safetensors`: tensor `actions` is NaN at index 3");
     let model = refusal::<TrainedModel>();
@@ -92,6 +97,30 @@ fn no_type_of_artifact_is_published_with_a_number_that_is_not_finite() {
     assert_eq!(refusal::<Ilqr>(), "`ilqr.json`: `state_cost` is not finite, or missing");
     assert_eq!(refusal::<ResultSummary>(), "`summary.json`: `percent_goal/models/0` is not finite, or missing");
     assert_eq!(refusal::<Collected>(), "`standing.json`: `before/1` is not finite, or missing");
+}
+
+/// A kind whose headline is not finite.
+struct Measures;
+
+impl Stage for Measures {
+    const KIND: &'static str = "measures";
+    const VERSION: u32 = 1;
+    const ABOUT: &'static str = "nothing that is a number";
+    const HEADLINE: Option<&'static str> = Some("score");
+    type Params = Nothing;
+    type Inputs = NoInputs;
+    type Output = Ilqr;
+
+    fn run(_: &Nothing, _: NoInputs, cx: &mut StageCx<'_>) -> anyhow::Result<Ilqr> {
+        cx.metric("another", f64::NAN);
+        cx.metric("score", f64::INFINITY);
+        Ok(Ilqr::default())
+    }
+}
+
+#[test]
+fn a_stage_whose_headline_is_not_finite_fails() {
+    assert_eq!(error::<Measures>(), "the metric `score` is not finite");
 }
 
 /// The files, with NaN as the first number of their last tensor of numbers.

@@ -105,6 +105,39 @@ fn a_collapsed_map_of_the_round_before_is_given_up() {
 }
 
 #[test]
+fn an_attempt_that_diverges_is_replaced_by_new_weights() {
+    let data = data();
+    let (start, _) = train(hardly_trained(0), &[("transitions", &[&data])], 2);
+    // Finite weights whose losses overflow.
+    let mut extreme = TrainedModel::load(&start).unwrap();
+    extreme.model.arena.iter_mut().for_each(|weight| *weight *= 1e20);
+    let extreme = extreme.save().unwrap();
+    let inputs: &stages::Inputs<'_> = &[("transitions", &[&data]), ("warm_start", &[&extreme])];
+    let few = |restarts: u64| json!({ "epochs": 1, "warm_up": { "epochs": 1, "anchor_epochs": 0 }, "ramp": { "epochs": 0 }, "restarts": restarts });
+    let (_, ear) = train(few(1), inputs, 2);
+    assert!(ear.heard("diverged in step 0: ") && ear.heard("; retraining from new weights (1 of 1)"));
+    assert_eq!((ear.metric_of("restarts"), ear.epochs()), (1.0, 2));
+    let alone = stages::run_for(&stages::planar(), "train_lce", few(0), inputs, stages::stream("train_lce"), 2);
+    assert!(alone.unwrap_err().to_string().starts_with("diverged in step 0: "));
+}
+
+#[test]
+fn a_map_of_an_earlier_attempt_stays_where_the_retraining_diverges() {
+    let data = data();
+    let (bad, _) = train(hardly_trained(0), &[("transitions", &[&data])], 2);
+    let inputs: &stages::Inputs<'_> = &[("transitions", &[&data]), ("warm_start", &[&bad])];
+    // The warm-up is part of the retraining alone.
+    let given = |restarts: u64| {
+        let warm_up = json!({ "epochs": 2, "anchor_epochs": 0, "learning_rate": 1e30 });
+        json!({ "epochs": 1, "warm_up": warm_up, "restarts": restarts })
+    };
+    let (kept, ear) = train(given(1), inputs, 2);
+    assert!(ear.heard("the map has collapsed") && ear.heard("diverged in step ") && ear.heard("kept attempt 1 of 2"));
+    let model = |files: &Files| TrainedModel::load(files).unwrap().model;
+    assert!(model(&kept) == model(&train(given(0), inputs, 2).0));
+}
+
+#[test]
 fn episodes_to_a_suspect_goal_end_with_random_actions() {
     let data = data();
     let (model, _) = train(hardly_trained(0), &[("transitions", &[&data])], 2);

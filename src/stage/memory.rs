@@ -1,0 +1,62 @@
+//! The memory that the parameters of a stage ask for, and how much there may be.
+
+use std::fs;
+
+use anyhow::ensure;
+
+use super::Refusal;
+
+/// The most bytes that the parameters of a stage may ask for: 64 GiB, on every machine.
+pub const MOST_MEMORY: u64 = 64 << 30;
+
+/// An estimate of the memory that parameters ask for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Memory {
+    /// The parameter to lower.
+    pub path: &'static str,
+    /// Bytes.
+    pub bytes: u64,
+}
+
+impl Memory {
+    /// Refuses more than [`MOST_MEMORY`].
+    pub(super) fn refusal(self) -> Option<Refusal> {
+        let why = || format!("needs about {}; the most is {}", gib(self.bytes), gib(MOST_MEMORY));
+        (self.bytes > MOST_MEMORY).then(|| Refusal { path: self.path, why: why() })
+    }
+
+    /// Refuses more than a machine has. Without this, the system would end the process once the memory is full.
+    pub(super) fn must_fit(self, machine: Option<u64>) -> anyhow::Result<()> {
+        let machine = machine.unwrap_or(u64::MAX);
+        let Self { path, bytes } = self;
+        ensure!(bytes <= machine, "`{path}` needs about {}; this machine has {}: lower it", gib(bytes), gib(machine));
+        Ok(())
+    }
+}
+
+/// The memory of this machine in bytes; `None` where the system does not tell.
+pub(super) fn of_this_machine() -> Option<u64> {
+    let told = fs::read_to_string("/proc/meminfo").ok()?;
+    let total = told.lines().find_map(|line| line.strip_prefix("MemTotal:")?.trim().strip_suffix(" kB"))?;
+    total.parse::<u64>().ok()?.checked_mul(1024)
+}
+
+fn gib(bytes: u64) -> String {
+    format!("{:.1} GiB", bytes as f64 / (1_u64 << 30) as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_than_the_bound_or_the_machine_is_refused_in_words() {
+        let memory = |bytes| Memory { path: "samples", bytes };
+        assert_eq!(memory(MOST_MEMORY).refusal(), None);
+        assert_eq!(memory(96 << 30).refusal().unwrap().why, "needs about 96.0 GiB; the most is 64.0 GiB");
+        assert!(memory(3 << 30).must_fit(None).is_ok() && memory(3 << 30).must_fit(Some(3 << 30)).is_ok());
+        let refused = memory(5 << 29).must_fit(Some(2 << 30)).unwrap_err();
+        assert_eq!(refused.to_string(), "`samples` needs about 2.5 GiB; this machine has 2.0 GiB: lower it");
+        assert!(of_this_machine().is_some_and(|bytes| bytes > 1 << 28));
+    }
+}
