@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{
     Global,
@@ -42,41 +42,54 @@ struct Room {
     shared: u64,
 }
 
-/// Shows what takes the room.
-pub(crate) fn du(global: &Global, args: &Args) -> Result<Exit, Error> {
-    let store = global.store_to_read()?;
-    let holdings = Holdings::read(&store, &global.runs())?;
-    let pipeline = |run: &Holding| run.pipeline.clone().unwrap_or_default();
-    let runs: Vec<Room> = rooms(&holdings, holdings.runs.iter().map(|run| vec![run]));
-    let groups: Vec<(String, Vec<(&Holding, Room)>)> =
-        grouped(holdings.runs.iter().zip(runs), |(run, _)| pipeline(run)).into_iter().collect();
-    let pipelines = rooms(&holdings, groups.iter().map(|(_, own)| own.iter().map(|(run, _)| *run).collect()));
-    let total = Total::of(global, &holdings);
-    if args.json {
+/// A pipeline with its runs.
+struct Pipeline<'a> {
+    name: String,
+    room: Room,
+    runs: Vec<(&'a Holding, Room)>,
+}
+
+impl Pipeline<'_> {
+    fn json(&self) -> Value {
         let run = |(run, room): &(&Holding, Room)| {
             json!({
                 "run": run.id, "state": run.state, "pinned": run.is_pinned, "results": run.results.len(),
                 "own_bytes": room.own, "shared_bytes": room.shared,
             })
         };
-        let pipeline = |((name, own), room): (&(String, Vec<(&Holding, Room)>), &Room)| {
-            let runs: Vec<_> = own.iter().map(run).collect();
-            json!({"pipeline": name, "own_bytes": room.own, "shared_bytes": room.shared, "runs": runs})
-        };
-        let pipelines: Vec<_> = groups.iter().zip(&pipelines).map(pipeline).collect();
+        let runs: Vec<Value> = self.runs.iter().map(run).collect();
+        json!({"pipeline": self.name, "own_bytes": self.room.own, "shared_bytes": self.room.shared, "runs": runs})
+    }
+}
+
+/// Shows what takes the room.
+pub(crate) fn du(global: &Global, args: &Args) -> Result<Exit, Error> {
+    let store = global.store_to_read()?;
+    let holdings = Holdings::read(&store, &global.runs())?;
+    let pipelines = pipelines(&holdings);
+    let total = Total::of(global, &holdings);
+    if args.json {
+        let pipelines: Vec<Value> = pipelines.iter().map(Pipeline::json).collect();
         out::json(&json!({"version": 1, "total": total, "pipelines": pipelines}));
         return Ok(Exit::Ok);
     }
     let mut rows = vec![["pipeline", "runs", "own", "shared"].map(out::bold).to_vec()];
-    for ((name, own), room) in groups.iter().zip(&pipelines) {
-        rows.push(row(name, &own.len().to_string(), *room));
-        for (run, room) in own.iter().filter(|_| global.verbose) {
+    for Pipeline { name, room, runs } in &pipelines {
+        rows.push(row(name, &runs.len().to_string(), *room));
+        for (run, room) in runs.iter().filter(|_| global.verbose) {
             rows.push(row(&format!("  {}", run.id), run.state.word(), *room));
         }
     }
     out::print(&out::table(&rows));
     total.print();
     Ok(Exit::Ok)
+}
+
+fn pipelines(holdings: &Holdings) -> Vec<Pipeline<'_>> {
+    let runs = holdings.runs.iter().zip(rooms(holdings, holdings.runs.iter().map(|run| vec![run])));
+    let groups = grouped(runs, |(run, _)| run.pipeline.clone().unwrap_or_else(|| "(unknown)".to_owned()));
+    let rooms = rooms(holdings, groups.iter().map(|(_, runs)| runs.iter().map(|(run, _)| *run).collect()));
+    groups.into_iter().zip(rooms).map(|((name, runs), room)| Pipeline { name, room, runs }).collect()
 }
 
 fn row(name: &str, runs: &str, room: Room) -> Vec<String> {

@@ -17,6 +17,7 @@ mod plot;
 mod progress;
 mod replay;
 mod run;
+mod show;
 mod sink;
 mod status;
 mod stop;
@@ -130,7 +131,7 @@ enum Verb {
     /// List runs, newest first.
     Log(log::Args),
     /// Show the results of a run and the paths of their files.
-    Show(log::ShowArgs),
+    Show(show::Args),
     /// Open runs and recordings in the Rerun viewer.
     View(view::ViewArgs),
     /// Draw learning curves and latent maps of runs as SVG files.
@@ -202,7 +203,7 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
         Verb::Dag(args) => dag::dag(&args, kinds),
         Verb::Stages(args) => dag::stages(&args, kinds),
         Verb::Log(args) => log::log(&global, &args, kinds),
-        Verb::Show(args) => log::show(&global, &args),
+        Verb::Show(args) => show::show(&global, &args),
         Verb::View(args) => view::view(&global, &args),
         Verb::Plot(args) => plot::plot(&global, &args, kinds),
         Verb::Table(args) => table::table(&global, &args, kinds),

@@ -6,10 +6,11 @@
 #![allow(clippy::disallowed_methods, reason = "a time names the folder of a run; no key or result holds one")]
 
 mod find;
+mod list;
 
 use std::{
     fs::{self, File},
-    io::{self, Read as _},
+    io,
     os::unix::fs::symlink,
     path::{Path, PathBuf},
     time::{SystemTime, UNIX_EPOCH},
@@ -17,15 +18,11 @@ use std::{
 
 use anyhow::Context as _;
 
-use super::{
-    alive,
-    events::Event,
-    manifest::{Manifest, Unreadable},
-    strays::FRESH_LINK,
-    utc,
-};
+use super::{alive, strays::FRESH_LINK, utc};
 
 pub use find::{FindError, find};
+pub(super) use list::is_id;
+pub use list::{Found, list, manifests, pipeline_of};
 
 /// The folder of the runs, beside the store that their results are in.
 pub fn folder(artifacts: &Path) -> PathBuf {
@@ -112,99 +109,9 @@ pub fn file_name(node: &str) -> String {
     node.replace(['/', '\0'], ".")
 }
 
-/// A run that lies in the folder of the runs. A run is greater than those that started before it.
-#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Found {
-    /// Its number. `None` for runs from before runs had one; by their ids, they come before all others.
-    pub number: Option<u64>,
-    /// Its id, which is the name of its folder.
-    pub id: String,
-}
-
-/// All runs, newest first. Folders that no run made are left out.
-///
-/// # Errors
-/// The folder cannot be read.
-pub fn list(runs: &Path) -> anyhow::Result<Vec<Found>> {
-    let items = match fs::read_dir(runs) {
-        Ok(items) => items,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(error) => return Err(error).with_context(|| format!("cannot read {}", runs.display())),
-    };
-    let mut found = Vec::new();
-    for item in items {
-        let item = item.with_context(|| format!("cannot read {}", runs.display()))?;
-        let id = item.file_name().into_string().ok().filter(|name| is_id(name));
-        let is_folder = item.file_type().is_ok_and(|kind| kind.is_dir());
-        if let Some(id) = id.filter(|_| is_folder && is_of_a_run(&item.path())) {
-            found.push(Found { number: number(&item.path()), id });
-        }
-    }
-    found.sort_unstable_by(|one, other| other.cmp(one));
-    Ok(found)
-}
-
-/// Whether a run has left a file in a folder.
-fn is_of_a_run(run_dir: &Path) -> bool {
-    ["manifest.json", "events.jsonl", "alive"].iter().any(|name| run_dir.join(name).exists())
-}
-
-/// The number of a run as the first bytes of its manifest have it, or those of its events where there is no manifest.
-/// The check of the manifest is not made, since that would read every manifest whole.
-fn number(run_dir: &Path) -> Option<u64> {
-    let of_manifest =
-        |text: String| text.lines().nth(1)?.trim().strip_prefix("\"number\": ")?.trim_end_matches(',').parse().ok();
-    let number = first_bytes(&run_dir.join("manifest.json")).and_then(of_manifest);
-    let number = number.or_else(|| match started(run_dir)? {
-        Event::RunStarted { number, .. } => number,
-        _ => None,
-    });
-    // A larger one is damage, and would leave no number for the next run.
-    number.filter(|&number| number < 1 << 53)
-}
-
-/// The pipeline of a run as its events have it.
-pub fn pipeline_of(run_dir: &Path) -> Option<String> {
-    match started(run_dir)? {
-        Event::RunStarted { pipeline, .. } => Some(pipeline),
-        _ => None,
-    }
-}
-
-/// The first event of a run.
-fn started(run_dir: &Path) -> Option<Event> {
-    serde_json::from_str(first_bytes(&run_dir.join("events.jsonl"))?.lines().next()?).ok()
-}
-
-/// The beginning of a file, more than its first lines need.
-fn first_bytes(path: &Path) -> Option<String> {
-    let mut bytes = Vec::new();
-    File::open(path).ok()?.take(1024).read_to_end(&mut bytes).ok()?;
-    Some(String::from_utf8_lossy(&bytes).into_owned())
-}
-
 /// Whether the process of a run lives.
 pub fn is_alive(run_dir: &Path) -> bool {
     alive::is_marked(run_dir)
-}
-
-/// The manifests of all runs, newest first, or why one cannot be read.
-///
-/// # Errors
-/// The folder of the runs cannot be read.
-pub fn manifests(runs: &Path) -> anyhow::Result<impl Iterator<Item = (Found, Result<Manifest, Unreadable>)>> {
-    let folder = runs.to_owned();
-    Ok(list(runs)?.into_iter().map(move |found| {
-        let manifest = Manifest::read(&folder.join(&found.id));
-        (found, manifest)
-    }))
-}
-
-/// Whether a name has the shape of an id.
-pub(super) fn is_id(name: &str) -> bool {
-    let widths: Vec<usize> = name.split('-').map(str::len).collect();
-    let is_hex = name.chars().all(|c| c == '-' || c.is_ascii_digit() || matches!(c, 'a'..='f'));
-    is_hex && widths == [8, 6, 3, 4] && name[..19].chars().all(|c| c == '-' || c.is_ascii_digit())
 }
 
 /// Such as `20260802-143501-123-7f3a`: date, time and milliseconds in UTC, and a salt. Ids sort by time.
@@ -220,11 +127,6 @@ mod tests {
     #[test]
     fn an_id_begins_with_the_time() {
         assert_eq!(run_id(1_785_681_301_123, 0x7f), "20260802-143501-123-007f");
-        assert!(is_id("20260802-143501-123-007f"));
-        for other in ["latest", "20260802", "20260802-143501-123-007g", "20260802-14350a-123-007f", ".latest-2026", "ä"]
-        {
-            assert!(!is_id(other), "{other}");
-        }
     }
 
     #[test]

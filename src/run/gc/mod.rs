@@ -5,27 +5,20 @@
 
 mod groups;
 mod keep;
+mod remove;
 
-use std::{
-    collections::BTreeSet,
-    fs::{self, File},
-    io,
-    path::Path,
-};
+use std::{collections::BTreeSet, path::Path};
 
-use anyhow::Context as _;
 use serde::Serialize;
 
-use super::{holdings::Holdings, runs, strays};
+use super::holdings::Holdings;
 use crate::{
     digest::Digest,
     store::{Entry, Kept, LocalStore},
 };
 
 pub use keep::{Limits, Policy, Reason};
-
-/// The name of the folder of a run that is being removed begins so.
-const GONE: &str = ".gone-";
+pub use remove::remove;
 
 /// What a cleaning removes and keeps.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -155,55 +148,4 @@ fn kept(entries: &[Entry]) -> Kept {
     let mut kept = Kept::default();
     entries.iter().for_each(|entry| kept.add(entry));
     kept
-}
-
-/// Removes what a plan says. The store must be open alone, and the plan made since: no run may be in progress.
-///
-/// # Errors
-/// The system refused an operation. The next cleaning removes what is left.
-pub fn remove(store: &LocalStore, runs: &Path, plan: &Plan) -> anyhow::Result<()> {
-    for RemovedRun { run, .. } in &plan.removed {
-        let path = runs.join(run);
-        let gone = runs.join(format!("{GONE}{run}"));
-        fs::rename(&path, &gone).with_context(|| format!("cannot remove {}", path.display()))?;
-    }
-    if !plan.removed.is_empty() {
-        point_latest(runs)?;
-        // Before a result goes, so that no power cut brings back a run without its results.
-        File::open(runs)
-            .and_then(|folder| folder.sync_all())
-            .with_context(|| format!("cannot write {}", runs.display()))?;
-    }
-    store.clean(&kept(&plan.kept_entries), false)?;
-    strays::sweep_links(runs);
-    plan.kept.iter().for_each(|kept| strays::sweep_run(&runs.join(&kept.run)));
-    sweep(runs)
-}
-
-/// Removes the folders that this or an earlier cleaning has renamed.
-fn sweep(runs: &Path) -> anyhow::Result<()> {
-    let items = match fs::read_dir(runs) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-        items => items.with_context(|| format!("cannot read {}", runs.display()))?,
-    };
-    for path in items.flatten().map(|item| item.path()) {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if name.strip_prefix(GONE).is_some_and(runs::is_id) {
-            fs::remove_dir_all(&path).with_context(|| format!("cannot remove {}", path.display()))?;
-        }
-    }
-    Ok(())
-}
-
-/// Lets `latest` point to the newest run that is left, where it points to none.
-fn point_latest(runs: &Path) -> anyhow::Result<()> {
-    let latest = runs.join("latest");
-    if latest.exists() || fs::symlink_metadata(&latest).is_err() {
-        return Ok(());
-    }
-    let repoint = |newest: Option<&runs::Found>| {
-        fs::remove_file(&latest)?;
-        newest.map_or(Ok(()), |newest| std::os::unix::fs::symlink(&newest.id, &latest))
-    };
-    repoint(runs::list(runs)?.first()).with_context(|| format!("cannot write {}", latest.display()))
 }

@@ -58,7 +58,7 @@ pub fn find(runs: &Path, wanted: &str) -> Result<PathBuf, FindError> {
         Some((name, Ok(back))) => (name, back),
         _ => (wanted, 0),
     };
-    let is_whole = name == wanted;
+    let is_whole = name == wanted && name != "latest";
     if is_whole && all.iter().any(|run| run.id == wanted) {
         return Ok(runs.join(wanted));
     }

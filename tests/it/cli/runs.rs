@@ -135,7 +135,7 @@ fn the_log_tells_what_a_run_was_for_and_what_it_reached() {
     let text = toy.run("log").out;
     let row = text.lines().nth(2).unwrap();
     for part in
-        ["  finished  percent_goal ", "  0-2   21 ran  ", "  learn.plus=2 seed=0..3  pinned #best for-the-paper"]
+        ["  finished  percent_goal ", "  0-2   21 ran  ", "  learn.plus=2 seed=0..3  pinned #best  for-the-paper"]
     {
         assert!(row.contains(part), "no `{part}` in\n{text}");
     }
