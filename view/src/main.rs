@@ -8,6 +8,7 @@ use std::{
 
 use carl_pipe::{
     cli::{Stop, ViewArgs, ViewTarget},
+    diag::visible,
     run::runs,
 };
 use carl_view::{RerunViewer, ViewHost, Viewer as _, follow, open};
@@ -49,7 +50,7 @@ impl ViewHost for Terminal<'_> {
 
 /// Writes a line to standard error, which may be closed.
 fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
+    let _ = writeln!(std::io::stderr(), "{}", visible(text));
 }
 
 fn main() -> ExitCode {

@@ -46,7 +46,7 @@ fn bad(root: &Path, findings: &mut Vec<Finding>) {
     let count = fs::read_dir(root.join("bad")).map_or(0, Iterator::count);
     if count > 0 {
         let text = format!("{count} damaged files were set aside in {}", root.join("bad").display());
-        let help = "their results were made again; `carl-pipe verify` reads all others; `gc` removes these files";
+        let help = "`carl-pipe verify` says whether something is missing; `carl-pipe gc` removes these files";
         findings.push(Finding::warning("store", text, help));
     }
 }

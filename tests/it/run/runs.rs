@@ -188,3 +188,21 @@ fn events_tell_the_run_in_lines_of_json() {
     assert_eq!(events.last().unwrap()["executed"], 3);
     assert!(report.path.join("a.mcap").exists());
 }
+
+#[test]
+fn links_that_cannot_be_made_are_one_warning_and_recordings_are_still_named() {
+    let bench = Bench::new();
+    let block =
+        |name: &str| json!({"behaviour": format!("mkdir:{}", bench.runs().join("latest").join(name).display())});
+    let graph = graph(&[("a", block("b.mcap"), &[]), ("b", block("c.mcap"), &["a"]), ("c", json!({}), &["b"])]);
+    let (report, ear) = bench.run(&graph);
+    assert_eq!((report.state, ear.warnings().len()), (RunState::Finished, 1), "{:?}", ear.warnings());
+    assert!(ear.warnings()[0].starts_with("cannot link "), "{:?}", ear.warnings());
+    let text = fs::read_to_string(report.path.join("events.jsonl")).unwrap();
+    let events = text.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    let recordings: Vec<_> = events.filter(|event| event["event"] == "node_finished").collect();
+    for event in &recordings {
+        assert!(report.path.join(event["recording"].as_str().unwrap()).is_file(), "{event}");
+    }
+    assert_eq!(recordings.len(), 3);
+}

@@ -45,11 +45,14 @@ pub(super) struct Journal<'a> {
     is_latest: bool,
     /// The nodes that were found in the store without a recording.
     unrecorded: BTreeSet<String>,
+    /// Whether the user was told that links fail.
+    has_warned_of_links: bool,
 }
 
 impl<'a> Journal<'a> {
     pub(super) fn new(store: &'a dyn ResultStore, events: &'a Events<'a>, dir: &'a RunDir, manifest: Manifest) -> Self {
-        Self { store, events, dir, manifest, written: None, is_latest: false, unrecorded: BTreeSet::new() }
+        let (unrecorded, has_warned_of_links) = (BTreeSet::new(), false);
+        Self { store, events, dir, manifest, written: None, is_latest: false, unrecorded, has_warned_of_links }
     }
 
     /// Emits a sentence from a node.
@@ -81,18 +84,20 @@ impl<'a> Journal<'a> {
         let name = &node.name;
         if entry.recording.is_none() && state == NodeState::Cached {
             self.unrecorded.insert(name.clone());
+        } else {
+            self.unrecorded.remove(name);
         }
         // A link costs as much as the rest of a cached node, so large runs link only what they made.
         let is_linked = state == NodeState::Ran || self.manifest.nodes.len() <= LINKED_WHEN_CACHED;
         let recorded = entry.recording.as_ref().and_then(|recording| self.store.path_of(recording.object));
         let recording = recorded.and_then(|object| match is_linked {
-            true => self.link(name, link_name(name), &object),
-            false => self.dir.seen_from(&object).into_os_string().into_string().ok(),
+            true if self.link(&link_name(name), &object) => Some(link_name(name)),
+            _ => self.dir.seen_from(&object).into_os_string().into_string().ok(),
         });
         // Only where results are read off.
         for file in entry.files.iter().filter(|_| is_linked && node.is_last) {
             if let Some(object) = self.store.path_of(file.object) {
-                self.link(name, format!("{}.{}", file_name(name), file_name(&file.name)), &object);
+                self.link(&format!("{}.{}", file_name(name), file_name(&file.name)), &object);
             }
         }
         let outcome = &mut self.manifest.nodes[run.row].outcome;
@@ -132,14 +137,17 @@ impl<'a> Journal<'a> {
     }
 
     /// Gives an object a name in the folder of the run, where that is possible.
-    fn link(&self, node: &str, name: String, object: &Path) -> Option<String> {
-        match self.dir.link(&name, object) {
-            Ok(()) => Some(name),
-            Err(error) => {
-                self.warn(node, format!("{error:#}"));
-                None
-            }
+    ///
+    /// Where one link fails the others do too, as on a file system without links, so one warning is enough.
+    fn link(&mut self, name: &str, object: &Path) -> bool {
+        let linked = self.dir.link(name, object);
+        if let Err(error) = &linked
+            && !std::mem::replace(&mut self.has_warned_of_links, true)
+        {
+            let help = "`carl-pipe show RUN NODE` prints the paths of files";
+            self.events.warn(None, format!("{error:#}, and maybe others; {help}"));
         }
+        linked.is_ok()
     }
 
     fn write_manifest(&mut self, durable: bool) -> anyhow::Result<()> {
