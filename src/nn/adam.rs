@@ -81,10 +81,11 @@ fn update<T: Real>(rates: Rates<T>, p: &mut [T], g: &[T], m: &mut [T], v: &mut [
     let (b1, b2) = (T::of(BETA_1), T::of(BETA_2));
     let (c1, c2, epsilon) = (T::of(1.0 - BETA_1), T::of(1.0 - BETA_2), T::of(EPSILON));
     let (least, least_squared) = (T::of(LEAST), T::of(LEAST * LEAST));
-    let mut is_finite = true;
     vectorize(
         #[inline(always)]
         || {
+            // Within the closure: a flag outside of it would be written at every parameter, one after the other.
+            let mut is_finite = true;
             for (((p, &g), m), v) in p.iter_mut().zip(g).zip(m).zip(v) {
                 let g = flush(rates.decay.fma(*p, g), least);
                 *m = flush(b1.fma(*m, c1 * g), least);
@@ -93,9 +94,9 @@ fn update<T: Real>(rates: Rates<T>, p: &mut [T], g: &[T], m: &mut [T], v: &mut [
                 // Zero times a number is NaN where the number is infinite or NaN.
                 is_finite &= p.fma(T::ZERO, *v * T::ZERO) == T::ZERO;
             }
+            is_finite
         },
-    );
-    is_finite
+    )
 }
 
 #[inline(always)]
