@@ -84,8 +84,8 @@ pub(crate) fn verify_verb(global: &Global, args: &Args, kinds: &'static [Kind]) 
             print_repaired(&done, &left);
         }
         repaired = Some((done, left));
-    } else if exit == Exit::Damaged && !args.json {
-        out::note(&format!("  = {} `carl-pipe verify --repair` makes it again", out::bold("help:")));
+    } else if !args.json {
+        help(&found.problems, false);
     }
     if args.json {
         out::json(&json_of(&found, secs, repaired.as_ref()));
@@ -138,6 +138,22 @@ fn repair_all(
     Ok((all, stop.is_asked()))
 }
 
+/// Says what to do about problems that a repair has not seen, or has left.
+fn help(problems: &[Problem], is_repaired: bool) {
+    let (manifests, results): (Vec<_>, Vec<_>) = problems.iter().partition(|problem| problem.what == "manifest");
+    let help = out::bold("help:");
+    if !results.is_empty() && !is_repaired {
+        out::note(&format!("  = {help} `carl-pipe verify --repair` makes it again"));
+    }
+    if !manifests.is_empty() {
+        out::note(&format!("  = {help} a manifest cannot be made again; `carl-pipe gc --drop RUN` removes its run"));
+    }
+}
+
+fn count(problems: &[Problem]) -> String {
+    if let [_] = problems { "1 problem".to_owned() } else { format!("{} problems", problems.len()) }
+}
+
 /// What is wrong, in one word.
 fn word(fault: &Fault) -> &'static str {
     match fault {
@@ -150,7 +166,7 @@ fn word(fault: &Fault) -> &'static str {
 fn print(found: &Verified, secs: f64) {
     out::print(&out::table(&found.problems.iter().map(row).collect::<Vec<_>>()));
     let Verified { runs, entries, objects, bytes, problems } = found;
-    let result = if problems.is_empty() { "all whole".to_owned() } else { format!("{} problems", problems.len()) };
+    let result = if problems.is_empty() { "all whole".to_owned() } else { count(problems) };
     let read = format!("{entries} results, {objects} files ({}) and {runs} runs", out::bytes(*bytes));
     out::line(&out::bold(&format!("read {read} in {}: {result}", duration(secs))));
 }
@@ -173,11 +189,9 @@ fn print_repaired(repaired: &Repaired, left: &[Problem]) {
     for (node, why) in &repaired.left {
         out::note(&format!("{} {node} was not made again: {why}", out::red("error:")));
     }
-    let text = match left.len() {
-        0 => "all whole".to_owned(),
-        count => format!("{count} problems are left"),
-    };
+    let text = if left.is_empty() { "all whole".to_owned() } else { format!("{} left", count(left)) };
     out::line(&out::bold(&format!("made {} nodes again: {text}", repaired.made.len())));
+    help(left, true);
 }
 
 fn json_of(found: &Verified, secs: f64, repaired: Option<&(Repaired, Vec<Problem>)>) -> Value {

@@ -70,3 +70,17 @@ fn what_no_run_uses_is_set_aside() {
     assert_eq!(repaired.code, Some(0), "{repaired:?}");
     assert!(repaired.out.ends_with("made 0 nodes again: all whole\n"), "{repaired:?}");
 }
+
+#[test]
+fn a_damaged_manifest_is_named_with_what_can_be_done() {
+    let toy = Toy::new();
+    toy.run("run toy.toml");
+    fs::write(toy.path("artifacts/runs/latest/manifest.json"), "{").unwrap();
+    for words in ["verify", "verify --repair"] {
+        let found = toy.run(words);
+        assert_eq!(found.code, Some(5), "{found:?}");
+        assert!(found.out.starts_with("damaged  manifest   run 20") && found.out.contains("1 problem"), "{found:?}");
+        assert!(found.err.contains("`carl-pipe gc --drop RUN` removes its run"), "{found:?}");
+        assert!(!found.err.contains("makes it again"), "{found:?}");
+    }
+}
