@@ -75,8 +75,8 @@ fn split<T: Real>(threads: usize, rates: Rates<T>, p: &mut [T], g: &[T], m: &mut
     left && right
 }
 
-/// Updates some parameters on this thread. Returns whether all are finite, which is known while they are at hand: a pass
-/// of its own over the parameters would cost a hundredth of a training step.
+/// Updates some parameters on this thread. Returns whether all are finite, which is told while they are at hand:
+/// a pass of its own would read them from memory once more.
 fn update<T: Real>(rates: Rates<T>, p: &mut [T], g: &[T], m: &mut [T], v: &mut [T]) -> bool {
     let (b1, b2) = (T::of(BETA_1), T::of(BETA_2));
     let (c1, c2, epsilon) = (T::of(1.0 - BETA_1), T::of(1.0 - BETA_2), T::of(EPSILON));
