@@ -2,6 +2,7 @@
 
 mod journal;
 mod node_run;
+mod queues;
 
 use std::{sync::atomic::Ordering, time::Duration};
 
@@ -24,6 +25,7 @@ use crate::{
 };
 use journal::Journal;
 use node_run::{NodeRun, Phase};
+use queues::Queues;
 
 /// How often a node may be made again in one run because its output was damaged.
 const REPAIRS: u32 = 2;
@@ -39,6 +41,7 @@ pub(super) struct Scheduler<'a> {
     journal: Journal<'a>,
     /// One for each node of the graph; `None` for nodes that are not wanted.
     nodes: Vec<Option<NodeRun>>,
+    queues: Queues,
 }
 
 impl<'a> Scheduler<'a> {
@@ -53,7 +56,8 @@ impl<'a> Scheduler<'a> {
         let mut rows = 0..;
         let nodes = order.wanted.iter().map(|&wanted| if wanted { rows.next().map(NodeRun::new) } else { None });
         let nodes = nodes.collect();
-        Self { store, order, options, journal: Journal::new(store, events, dir, manifest), nodes }
+        let queues = Queues::new(order);
+        Self { store, order, options, journal: Journal::new(store, events, dir, manifest), nodes, queues }
     }
 
     /// Runs every wanted node that can run.
@@ -63,11 +67,9 @@ impl<'a> Scheduler<'a> {
     pub(super) fn run(mut self, executor: &mut dyn Executor) -> anyhow::Result<Report> {
         let scheduled = self.schedule(executor);
         // After an error, a job that goes on needs the lock of its key until it ends.
-        while self.running().next().is_some() {
-            if let Some(finished) = executor.wait(POLL)
-                && let Some(node) = &mut self.nodes[finished.id]
-            {
-                node.phase = Phase::Stopped;
+        while self.queues.is_working() {
+            if let Some(finished) = executor.wait(POLL) {
+                self.set(finished.id, Phase::Stopped);
             }
         }
         scheduled?;
@@ -80,17 +82,13 @@ impl<'a> Scheduler<'a> {
             if self.start_jobs(executor)? {
                 continue; // A hit may have made further keys known.
             }
-            if self.running().next().is_none() && !self.may_start() {
+            if !self.queues.is_working() && !self.may_start() {
                 return Ok(());
             }
             if let Some(finished) = executor.wait(POLL) {
                 self.take_in(finished);
             }
         }
-    }
-
-    fn running(&self) -> impl Iterator<Item = &Key> {
-        self.nodes.iter().flatten().filter_map(NodeRun::running)
     }
 
     /// The entry of a node that is done.
@@ -100,10 +98,11 @@ impl<'a> Scheduler<'a> {
 
     /// Looks up every node whose inputs have become known. A hit may make further keys known.
     fn look_up_waiting(&mut self) -> anyhow::Result<()> {
-        for (id, node) in self.order.graph.nodes.iter().enumerate() {
+        while let Some(id) = self.queues.next_to_look_up() {
             if !self.nodes[id].as_ref().is_some_and(|node| matches!(node.phase, Phase::Waiting)) {
                 continue;
             }
+            let node = &self.order.graph.nodes[id];
             if let Some(key) = key::of_node(node, |source| self.entry(source).map(|entry| entry.output)) {
                 match look_up(&key, self.takes(id, &key), self.store)? {
                     LookedUp::Hit(entry) => self.take_hit(id, entry),
@@ -114,8 +113,10 @@ impl<'a> Scheduler<'a> {
         Ok(())
     }
 
+    /// Moves a node to another phase.
     fn set(&mut self, id: NodeId, phase: Phase) {
         if let Some(node) = &mut self.nodes[id] {
+            self.queues.enter(id, &phase);
             node.phase = phase;
         }
     }
@@ -131,23 +132,21 @@ impl<'a> Scheduler<'a> {
     }
 
     fn may_start(&self) -> bool {
-        let nodes = || self.nodes.iter().flatten();
-        let is_stopping = self.options.stop.load(Ordering::Relaxed)
-            || (!self.options.keep_going && nodes().any(|node| matches!(node.phase, Phase::Failed(_))));
-        !is_stopping && nodes().any(|node| matches!(node.phase, Phase::Ready(_)))
+        let is_stopping =
+            self.options.stop.load(Ordering::Relaxed) || (!self.options.keep_going && self.queues.has_failed());
+        !is_stopping && self.queues.has_ready()
     }
 
     /// Starts ready nodes whose key no other process works on, as many as there is room for; returns whether a node
     /// turned out to be a hit.
     fn start_jobs(&mut self, executor: &mut dyn Executor) -> anyhow::Result<bool> {
         let mut has_hits = false;
-        let mut room = self.options.jobs.max(1).saturating_sub(self.running().count());
-        for id in 0..self.nodes.len() {
-            if room == 0 || !self.may_start() {
-                break;
-            }
+        let mut room = self.options.jobs.max(1).saturating_sub(self.queues.working());
+        let mut last = None;
+        while let Some(id) = self.queues.ready_after(last).filter(|_| room > 0 && self.may_start()) {
+            last = Some(id);
             let Some(Phase::Ready(key)) = self.nodes[id].as_ref().map(|node| &node.phase) else { continue };
-            if self.running().any(|running| running.digest == key.digest) {
+            if self.queues.works_on(key.digest) {
                 continue;
             }
             let key = key.clone();
@@ -218,7 +217,7 @@ impl<'a> Scheduler<'a> {
         if let Some(node) = &mut self.nodes[id] {
             node.worked_secs = secs;
             self.journal.end_with(&self.order.graph.nodes[id], node, state, &entry);
-            node.phase = Phase::Done(entry);
+            self.set(id, Phase::Done(entry));
         }
     }
 
@@ -247,9 +246,9 @@ impl<'a> Scheduler<'a> {
 
     /// Ends a running node as failed or stopped.
     fn end_without_output(&mut self, id: NodeId, phase: Phase, secs: f64) {
-        if let Some(node) = &mut self.nodes[id]
-            && let Phase::Running { key, .. } = std::mem::replace(&mut node.phase, phase)
-        {
+        let Some(node) = &mut self.nodes[id] else { return };
+        self.queues.enter(id, &phase);
+        if let Phase::Running { key, .. } = std::mem::replace(&mut node.phase, phase) {
             node.worked_secs = secs;
             self.journal.end_without_output(&self.order.graph.nodes[id], node, key.digest);
         }

@@ -78,11 +78,6 @@ impl NodeRun {
         Self { phase: Phase::Waiting, row, worked_secs: 0.0, made: None, repairs: 0, waiting: Waiting::default() }
     }
 
-    /// The key that the node works on.
-    pub(super) fn running(&self) -> Option<&Key> {
-        if let Phase::Running { key, .. } = &self.phase { Some(key) } else { None }
-    }
-
     /// The entry of its output.
     pub(super) fn entry(&self) -> Option<&Entry> {
         if let Phase::Done(entry) = &self.phase { Some(entry) } else { None }
