@@ -6,6 +6,8 @@ mod queues;
 
 use std::{sync::atomic::Ordering, time::Duration};
 
+use rayon::prelude::*;
+
 use super::{
     Options, Order, Report,
     executor::{Executor, Failure, Finished, JobOutcome},
@@ -32,6 +34,15 @@ const REPAIRS: u32 = 2;
 
 /// How often to ask for the lock of a key that another process works on.
 const POLL: Duration = Duration::from_millis(25);
+
+/// From this many keys on, look-ups use all cores.
+const MANY: usize = 256;
+
+/// Looks keys up.
+fn look_up_all(wanted: &[(NodeId, Key, Takes)], store: &dyn ResultStore) -> anyhow::Result<Vec<LookedUp>> {
+    let look_up = |(_, key, takes): &(NodeId, Key, Takes)| look_up(key, *takes, store);
+    if wanted.len() < MANY { wanted.iter().map(look_up).collect() } else { wanted.par_iter().map(look_up).collect() }
+}
 
 /// A run in progress.
 pub(super) struct Scheduler<'a> {
@@ -98,19 +109,32 @@ impl<'a> Scheduler<'a> {
 
     /// Looks up every node whose inputs have become known. A hit may make further keys known.
     fn look_up_waiting(&mut self) -> anyhow::Result<()> {
-        while let Some(id) = self.queues.next_to_look_up() {
-            if !self.nodes[id].as_ref().is_some_and(|node| matches!(node.phase, Phase::Waiting)) {
-                continue;
+        loop {
+            let mut wanted = Vec::new();
+            for id in self.queues.take_to_look_up() {
+                if let Some(Phase::Waiting) = self.nodes[id].as_ref().map(|node| &node.phase)
+                    && let Some(key) = self.key(id)
+                {
+                    let takes = self.takes(id, &key);
+                    wanted.push((id, key, takes));
+                }
             }
-            let node = &self.order.graph.nodes[id];
-            if let Some(key) = key::of_node(node, |source| self.entry(source).map(|entry| entry.output)) {
-                match look_up(&key, self.takes(id, &key), self.store)? {
+            if wanted.is_empty() {
+                return Ok(());
+            }
+            let found = look_up_all(&wanted, self.store)?;
+            for ((id, key, _), found) in wanted.into_iter().zip(found) {
+                match found {
                     LookedUp::Hit(entry) => self.take_hit(id, entry),
                     LookedUp::Stale(_) => self.set(id, Phase::Ready(key)),
                 }
             }
         }
-        Ok(())
+    }
+
+    /// The key of a node, once all its inputs are done.
+    fn key(&self, id: NodeId) -> Option<Key> {
+        key::of_node(&self.order.graph.nodes[id], |source| self.entry(source).map(|entry| entry.output))
     }
 
     /// Moves a node to another phase.

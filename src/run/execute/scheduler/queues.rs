@@ -57,9 +57,9 @@ impl Queues {
         }
     }
 
-    /// Takes out the first node that may be looked up, in the order of the graph.
-    pub(super) fn next_to_look_up(&mut self) -> Option<NodeId> {
-        self.to_look_up.pop_first()
+    /// Takes out the nodes that may be looked up, in the order of the graph.
+    pub(super) fn take_to_look_up(&mut self) -> BTreeSet<NodeId> {
+        std::mem::take(&mut self.to_look_up)
     }
 
     /// The first ready node after another one, in the order of the graph.
