@@ -98,6 +98,13 @@ fn flip(path: &Path, bit: usize) {
     fs::write(path, bytes).unwrap();
 }
 
+/// Removes the files and links of a run.
+fn lose_files(run_dir: &Path) {
+    for path in fs::read_dir(run_dir).unwrap().map(|item| item.unwrap().path()).filter(|path| !path.is_dir()) {
+        fs::remove_file(path).unwrap();
+    }
+}
+
 #[test]
 fn a_cleaning_keeps_what_kept_runs_name() {
     let bench = Bench::new();
@@ -232,9 +239,7 @@ fn a_run_that_was_killed_before_its_first_node_is_a_run_without_results() {
     let bench = Bench::new();
     let (killed, _) = bench.run(&chain(1));
     let first_line = fs::read_to_string(killed.path.join("events.jsonl")).unwrap().lines().next().unwrap().to_owned();
-    for item in fs::read_dir(&killed.path).unwrap().map(|item| item.unwrap().path()).filter(|path| !path.is_dir()) {
-        fs::remove_file(item).unwrap();
-    }
+    lose_files(&killed.path);
     fs::write(killed.path.join("events.jsonl"), first_line).unwrap();
     assert!(matches!(Manifest::read(&killed.path), Err(Unreadable::Missing(_))));
     // Its results have its name in their entries.
@@ -314,15 +319,24 @@ fn a_manifest_that_was_cut_blocks_nothing_and_costs_no_result() {
 }
 
 #[test]
+fn entries_tell_what_a_run_made_where_its_files_do_not() {
+    let bench = Bench::new();
+    let reports: Vec<Report> = (1..=3).map(|plus| bench.run(&chain(plus)).0).collect();
+    lose_files(&reports[0].path);
+    fs::write(reports[0].path.join("manifest.json"), "").unwrap();
+    let (bench, plan) = clean(bench, &keep(1));
+    assert_eq!((removed(&plan), plan.entries), (vec![reports[1].run.as_str()], 3));
+    assert!(results(&reports[0]).into_iter().all(|key| is_served(&bench, key)));
+}
+
+#[test]
 fn where_nothing_tells_what_a_run_names_every_result_stays() {
     let bench = Bench::new();
     bench.run(&chain(1));
     let (unknown, _) = bench.run(&chain(1));
     bench.run(&chain(2));
     bench.run(&chain(3));
-    for item in fs::read_dir(&unknown.path).unwrap().map(|item| item.unwrap().path()).filter(|path| !path.is_dir()) {
-        fs::remove_file(item).unwrap();
-    }
+    lose_files(&unknown.path);
     fs::write(unknown.path.join("manifest.json"), "").unwrap();
     let (bench, plan) = clean(bench, &keep(1));
     assert_eq!((plan.removed.len(), plan.entries), (2, 0));
