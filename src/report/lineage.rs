@@ -2,7 +2,7 @@
 
 use std::{
     cell::{OnceCell, RefCell},
-    collections::{BTreeMap, BTreeSet, HashMap},
+    collections::{BTreeMap, BTreeSet},
 };
 
 use serde_json::json;
@@ -28,17 +28,17 @@ type FamilyOf = (usize, String, Vec<(String, String)>);
 pub(super) struct Lineage<'a> {
     manifest: &'a Manifest,
     kinds: &'a [Kind],
-    by_name: HashMap<&'a str, usize>,
-    by_place: HashMap<Place<'a>, Vec<&'a NodeRecord>>,
+    by_name: BTreeMap<&'a str, usize>,
+    by_place: BTreeMap<Place<'a>, Vec<&'a NodeRecord>>,
     /// The step of each node in a recipe.
     steps: Vec<OnceCell<String>>,
-    families: RefCell<HashMap<FamilyOf, Digest>>,
+    families: RefCell<BTreeMap<FamilyOf, Digest>>,
 }
 
 impl<'a> Lineage<'a> {
     pub(super) fn new(manifest: &'a Manifest, kinds: &'a [Kind]) -> Self {
         let by_name = manifest.nodes.iter().enumerate().map(|(id, node)| (node.about.name.as_str(), id)).collect();
-        let mut by_place: HashMap<_, Vec<_>> = HashMap::new();
+        let mut by_place: BTreeMap<_, Vec<_>> = BTreeMap::new();
         for node in &manifest.nodes {
             by_place.entry(place(node)).or_default().push(node);
         }
