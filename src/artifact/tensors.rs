@@ -178,7 +178,7 @@ fn header(file: &mut dyn ReadSeek, size: u64) -> anyhow::Result<Metadata> {
     let mut length = [0; 8];
     file.read_exact(&mut length)?;
     let length = u64::from_le_bytes(length);
-    ensure!(length <= LONGEST_HEADER.min(size - 8), "its header has {length} bytes");
+    ensure!(length <= LONGEST_HEADER.min(size - 8), "its header of {length} bytes is too long");
     let mut text = vec![0; length as usize];
     file.read_exact(&mut text)?;
     Ok(serde_json::from_slice(&text)?)

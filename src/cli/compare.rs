@@ -29,7 +29,7 @@ Examples:
   carl-pipe compare 20261122-0748 latest --metric map_quality --json"
 )]
 pub(crate) struct Args {
-    /// The first run: `latest`, `latest~1`, a tag, a pipeline, its id, or the beginning of its id.
+    /// The first run: `latest`, `latest~1`, a tag, a pipeline (its newest run), a run id, or the beginning of an id.
     #[arg(value_name = "RUN")]
     before: String,
     /// The second run.

@@ -146,7 +146,7 @@ impl Total {
         )));
         if self.unused_results + self.set_aside > 0 {
             out::line(&out::dim(&format!(
-                "no run names {} of the results, and {} are set aside as damaged; `carl-pipe gc` removes both",
+                "{} of results are unused, and damaged files of {} are set aside; `carl-pipe gc` removes both",
                 out::bytes(self.unused_results),
                 out::bytes(self.set_aside)
             )));

@@ -26,8 +26,8 @@ use crate::{
 /// The arguments of `gc`.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "`gc` counts runs by pipeline. Runs of which one has the results of all count as one: a run that \
-found everything cached pushes nothing out. A failed or interrupted run stays until N newer runs of its pipeline have \
+    after_help = "`gc` counts runs by pipeline. Runs count as one if one of them has the results of all: \
+a run that found everything cached pushes nothing out. A failed or interrupted run stays until N newer runs of its pipeline have \
 finished. Always kept: the newest run, runs with a pin or a tag, runs in progress, and runs whose manifest cannot be \
 read, with every result that they may name. `--max-size` also keeps the newest run of each pipeline, and the newest \
 that finished.
@@ -42,13 +42,13 @@ pub(crate) struct Args {
     /// Keep the newest N runs of each pipeline and all results that they use.
     #[arg(long, value_name = "N", default_value_t = 10)]
     keep: usize,
-    /// Keep every run that is not older than this, such as 30d, 12h or 2w.
+    /// Remove only runs that are older than this, such as 30d, 12h or 2w.
     #[arg(long, value_name = "AGE", value_parser = age)]
     older_than: Option<u64>,
     /// Then remove further runs, oldest first, until all takes no more than this, such as 500MB or 20GB.
     #[arg(long, value_name = "SIZE", value_parser = size)]
     max_size: Option<u64>,
-    /// Remove this run and nothing else; repeatable.
+    /// Remove this run and no other run; repeatable.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["keep", "older_than", "max_size"])]
     drop: Vec<String>,
     /// Do not ask.
@@ -102,7 +102,7 @@ pub(crate) fn gc(global: &Global, args: &Args) -> Result<Exit, Error> {
         let store = LocalStore::open_alone(&global.artifacts)?;
         let plan = gc::plan(&store, &runs, &policy)?;
         if (&plan.removed, &plan.kept) != (&shown.removed, &shown.kept) {
-            return Err(Error::new(Exit::Busy, "the runs changed meanwhile, so nothing was removed")
+            return Err(Error::new(Exit::Busy, "runs changed meanwhile, so nothing was removed; run `carl-pipe gc` again")
                 .help("run `carl-pipe gc` again"));
         }
         gc::remove(&store, &runs, &plan)?;

@@ -18,7 +18,7 @@ use crate::run::{
   carl-pipe pin latest --note \"the figure of section 5\"
   carl-pipe pin planar_online                             the newest run of this pipeline")]
 pub(crate) struct PinArgs {
-    /// The run: `latest`, `latest~1`, a tag, a pipeline, its id, or the beginning of its id.
+    /// The run: `latest`, `latest~1`, a tag, a pipeline (its newest run), a run id, or the beginning of an id.
     #[arg(value_name = "RUN", default_value = "latest")]
     run: String,
     /// What the run is for; `log` shows it.
@@ -50,7 +50,7 @@ pub(crate) struct TagArgs {
     /// The tag: letters, digits, `-`, `_` and `.`, beginning with a letter.
     #[arg(value_name = "NAME", required_unless_present = "remove")]
     name: Option<String>,
-    /// Remove this tag of the run, or all of its tags.
+    /// Remove the tag NAME; without NAME, all tags of the run.
     #[arg(long)]
     remove: bool,
 }

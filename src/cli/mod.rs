@@ -142,19 +142,19 @@ enum Verb {
     Compare(compare::Args),
     /// Run a recorded run again in an empty store and compare every output and recording.
     Replay(replay::Args),
-    /// Read every result and recording, name what is damaged, and make it again.
+    /// Read all results and recordings and name what is damaged; `--repair` makes it again.
     Verify(verify::Args),
     /// Look at the store, the file system and the machine, and say what to do about what is wrong.
     Doctor(doctor::Args),
-    /// Keep a run whatever `gc` is asked for.
+    /// Protect a run from `gc`.
     Pin(mark::PinArgs),
     /// Let `gc` remove a run again.
     Unpin(mark::UnpinArgs),
-    /// Give a run a name that finds it.
+    /// Name a run, to find it by the name and to keep it.
     Tag(mark::TagArgs),
     /// Show what takes the room, by pipeline and run.
     Du(du::Args),
-    /// Delete old runs and the results that no kept run uses.
+    /// Delete old runs without pin or tag, and results that no kept run uses.
     Gc(gc::Args),
     /// Print a completion script for a shell.
     Completions {

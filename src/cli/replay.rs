@@ -25,7 +25,7 @@ use crate::{
 /// The arguments of `replay`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// The run: `latest`, `latest~1`, a tag, a pipeline, its id, or the beginning of its id.
+    /// The run: `latest`, `latest~1`, a tag, a pipeline (its newest run), a run id, or the beginning of an id.
     #[arg(value_name = "RUN", default_value = "latest")]
     run: String,
     /// The largest number of nodes that run at once.

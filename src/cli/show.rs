@@ -20,7 +20,7 @@ use crate::{
 /// The arguments of `show`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// The run: `latest`, `latest~1`, a tag, a pipeline, its id, or the beginning of its id.
+    /// The run: `latest`, `latest~1`, a tag, a pipeline (its newest run), a run id, or the beginning of an id.
     #[arg(value_name = "RUN", default_value = "latest")]
     run: String,
     /// Show only this stage or node, with its parameters and files.

@@ -40,7 +40,7 @@ Examples:
   carl-pipe verify --repair             make again what is damaged or missing"
 )]
 pub(crate) struct Args {
-    /// Only what this run uses: `latest`, its id, or the beginning of its id.
+    /// Only what this run uses: `latest`, `latest~1`, a tag, a pipeline (its newest run), a run id, or the beginning of an id.
     #[arg(value_name = "RUN")]
     run: Option<String>,
     /// Set damaged files aside, and make again what a kept run needs.

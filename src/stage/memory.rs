@@ -29,7 +29,7 @@ impl Memory {
     pub(super) fn must_fit(self, machine: Option<u64>) -> anyhow::Result<()> {
         let machine = machine.unwrap_or(u64::MAX);
         let Self { path, bytes } = self;
-        ensure!(bytes <= machine, "`{path}` needs about {}; this machine has {}: lower it", gib(bytes), gib(machine));
+        ensure!(bytes <= machine, "`{path}` needs about {} of memory; this machine has {}: lower the parameter", gib(bytes), gib(machine));
         Ok(())
     }
 }

@@ -104,7 +104,7 @@ fn rights(folder: &Path) -> Finding {
         fs::set_permissions(&path, Permissions::from_mode(0o444))?;
         Ok(fs::metadata(&path)?.permissions().mode() & 0o777)
     };
-    let help = "nothing protects results from being changed by hand; `carl-pipe verify` finds such changes";
+    let help = "results can be changed by hand here; `carl-pipe verify` finds such changes";
     match set() {
         Ok(0o444) => Finding::ok("rights", "results are made read-only"),
         Ok(mode) => Finding::warning("rights", format!("a read-only file has the rights {mode:o}"), help),

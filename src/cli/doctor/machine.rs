@@ -48,7 +48,7 @@ fn clock(runs: &Path, now: SystemTime) -> Finding {
     match newest {
         Some(newest) if is_future(newest) => {
             let ahead = newest.duration_since(now).unwrap_or_default().as_secs_f64();
-            Finding::warning("clock", format!("the newest run ended {} from now", out::duration(ahead)), HELP)
+            Finding::warning("clock", format!("the newest run lies {} in the future", out::duration(ahead)), HELP)
         }
         _ => Finding::ok("clock", "it is after the build and after every run"),
     }

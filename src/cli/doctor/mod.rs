@@ -83,7 +83,7 @@ pub(crate) fn doctor(global: &Global, args: &Args) -> Result<Exit, Error> {
         }
         None => findings.push(Finding::warning(
             "file system",
-            "not looked at, since there is no store that could be written to",
+            "not checked: there is no store to write to",
             "`carl-pipe run PIPELINE` makes the store; then ask again",
         )),
     }

@@ -66,7 +66,7 @@ fn why(run: &KeptRun) -> String {
     };
     match run.problem {
         Some(problem) if run.keeps_all => {
-            out::yellow(&format!("{problem}: nothing tells which results it names, so all are kept"))
+            out::yellow(&format!("{problem}: the results of this run are unknown, so all results stay; `carl-pipe gc --drop` removes the run"))
         }
         Some(problem) => out::yellow(&format!("{problem}: {reason} ({})", run.entries)),
         None => reason.to_owned(),

@@ -3,7 +3,7 @@
 
 use crate::run::holdings::{Holding, Standing};
 
-/// Runs of which one has the results of all.
+/// Runs, one of which has the results of all.
 #[derive(Debug)]
 pub(super) struct Group {
     /// The run with the results of all; of several, the one that made them, so the oldest.

@@ -25,7 +25,7 @@ pub enum Policy {
 /// What is kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// How many runs of each pipeline. Runs of which one has the results of all count as one.
+    /// How many runs of each pipeline. Runs count as one if one of them has the results of all.
     pub keep: usize,
     /// Keep every run that is not older than this, in seconds.
     pub older_than_secs: Option<u64>,

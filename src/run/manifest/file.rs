@@ -80,7 +80,7 @@ impl Manifest {
         let damaged = |why: &str| Unreadable::Damaged { path: path.clone(), why: why.to_owned() };
         let seal = sealed::check(&text);
         if seal == Seal::Broken {
-            return Err(damaged("its text does not have the digest of its first line"));
+            return Err(damaged("its text does not match the digest in its first line"));
         }
         let json: Value = serde_json::from_slice(&text).map_err(|error| damaged(&error.to_string()))?;
         match json["format"].as_u64() {

@@ -20,7 +20,7 @@ pub enum FindError {
         known: Vec<String>,
     },
     /// There are not so many runs.
-    #[error("`{wanted}` lies before the oldest run; there are {count} of `{name}`")]
+    #[error("`{wanted}` does not exist: there are only {count} runs of `{name}`")]
     TooOld {
         /// The name with `~` and a number.
         wanted: String,

@@ -169,11 +169,11 @@ impl<'a> Journal<'a> {
         match self.unrecorded.first() {
             None => {}
             Some(one) if self.unrecorded.len() == 1 => {
-                self.warn(one, format!("it is cached and has no recording; {REPAIR} makes it again"));
+                self.warn(one, format!("its result is cached without a recording; {REPAIR} makes the recording again"));
             }
             Some(_) => {
                 let count = self.unrecorded.len();
-                self.events.warn(None, format!("{count} cached nodes have no recording; {REPAIR} makes them again"));
+                self.events.warn(None, format!("{count} cached nodes have no recording; {REPAIR} makes the recordings again"));
             }
         }
     }

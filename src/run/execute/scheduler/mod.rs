@@ -226,7 +226,7 @@ impl<'a> Scheduler<'a> {
         if node.waiting.is_news(holder) {
             let by = holder.map_or_else(|| "another process".to_owned(), |holder| holder.to_string());
             let name = &self.order.graph.nodes[id].name;
-            self.journal.say(name, &format!("{by} works on it; waiting for its result"));
+            self.journal.say(name, &format!("waiting for {by}, which works on this node"));
         }
     }
 
