@@ -25,8 +25,7 @@ use crate::{
 
 /// The arguments of `gc`.
 #[derive(Debug, clap::Args)]
-#[command(
-    after_help = "`gc` counts runs by pipeline. Runs count as one if one of them has the results of all: \
+#[command(after_help = "`gc` counts runs by pipeline. Runs count as one if one of them has the results of all: \
 a run that found everything cached pushes nothing out. A failed or interrupted run stays until N newer runs of its pipeline have \
 finished. Always kept: the newest run, runs with a pin or a tag, runs in progress, and runs whose manifest cannot be \
 read, with every result that they may name. `--max-size` also keeps the newest run of each pipeline, and the newest \
@@ -36,8 +35,7 @@ Examples:
   carl-pipe gc --dry-run
   carl-pipe gc --keep 3 --older-than 30d --yes
   carl-pipe gc --max-size 20GB
-  carl-pipe gc --drop 20261122-0748                       remove one run and what only it names"
-)]
+  carl-pipe gc --drop 20261122-0748                       remove one run and what only it names")]
 pub(crate) struct Args {
     /// Keep the newest N runs of each pipeline and all results that they use.
     #[arg(long, value_name = "N", default_value_t = 10)]
@@ -102,8 +100,11 @@ pub(crate) fn gc(global: &Global, args: &Args) -> Result<Exit, Error> {
         let store = LocalStore::open_alone(&global.artifacts)?;
         let plan = gc::plan(&store, &runs, &policy)?;
         if (&plan.removed, &plan.kept) != (&shown.removed, &shown.kept) {
-            return Err(Error::new(Exit::Busy, "runs changed meanwhile, so nothing was removed; run `carl-pipe gc` again")
-                .help("run `carl-pipe gc` again"));
+            return Err(Error::new(
+                Exit::Busy,
+                "runs changed meanwhile, so nothing was removed; run `carl-pipe gc` again",
+            )
+            .help("run `carl-pipe gc` again"));
         }
         gc::remove(&store, &runs, &plan)?;
     }

@@ -29,7 +29,12 @@ impl Memory {
     pub(super) fn must_fit(self, machine: Option<u64>) -> anyhow::Result<()> {
         let machine = machine.unwrap_or(u64::MAX);
         let Self { path, bytes } = self;
-        ensure!(bytes <= machine, "`{path}` needs about {} of memory; this machine has {}: lower the parameter", gib(bytes), gib(machine));
+        ensure!(
+            bytes <= machine,
+            "`{path}` needs about {} of memory; this machine has {}: lower the parameter",
+            gib(bytes),
+            gib(machine)
+        );
         Ok(())
     }
 }
@@ -56,7 +61,10 @@ mod tests {
         assert_eq!(memory(96 << 30).refusal().unwrap().why, "needs about 96.0 GiB; the most is 64.0 GiB");
         assert!(memory(3 << 30).must_fit(None).is_ok() && memory(3 << 30).must_fit(Some(3 << 30)).is_ok());
         let refused = memory(5 << 29).must_fit(Some(2 << 30)).unwrap_err();
-        assert_eq!(refused.to_string(), "`samples` needs about 2.5 GiB; this machine has 2.0 GiB: lower it");
+        assert_eq!(
+            refused.to_string(),
+            "`samples` needs about 2.5 GiB of memory; this machine has 2.0 GiB: lower the parameter"
+        );
         assert!(of_this_machine().is_some_and(|bytes| bytes > 1 << 28));
     }
 }

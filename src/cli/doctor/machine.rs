@@ -127,7 +127,10 @@ mod tests {
         let future = now + 10 * TOLERANCE;
         fs::File::options().write(true).open(run_dir.join("manifest.json")).unwrap().set_modified(future).unwrap();
         let found = clock(runs.path(), now);
-        assert_eq!((found.level, found.text.as_str()), (Level::Warning, "the newest run ended 10 min 00 s from now"));
+        assert_eq!(
+            (found.level, found.text.as_str()),
+            (Level::Warning, "the newest run lies 10 min 00 s in the future")
+        );
         assert_eq!(clock(runs.path(), SystemTime::UNIX_EPOCH).level, Level::Problem);
     }
 }

@@ -65,9 +65,9 @@ fn why(run: &KeptRun) -> String {
         Reason::NotAsked => "not asked for",
     };
     match run.problem {
-        Some(problem) if run.keeps_all => {
-            out::yellow(&format!("{problem}: the results of this run are unknown, so all results stay; `carl-pipe gc --drop` removes the run"))
-        }
+        Some(problem) if run.keeps_all => out::yellow(&format!(
+            "{problem}: the results of this run are unknown, so all results stay; `carl-pipe gc --drop` removes the run"
+        )),
         Some(problem) => out::yellow(&format!("{problem}: {reason} ({})", run.entries)),
         None => reason.to_owned(),
     }

@@ -78,7 +78,8 @@ impl Setup<'_> {
             let (rng, learning_rate) = (&mut cx.rng(("refit", state.attempt)), self.params.warm_up.learning_rate);
             let refitted = refit(&mut trained.model, &codes, &data.actions, steps, learning_rate, rng);
             let step = |number| TrainingStep { number, learning_rate: "warm_up.learning_rate" };
-            refitted.map_err(|number| step(number).diverged("a weight of the dynamics F is not finite in the refit"))?;
+            refitted
+                .map_err(|number| step(number).diverged("a weight of the dynamics F is not finite in the refit"))?;
         }
         Ok(trained)
     }

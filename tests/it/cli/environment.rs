@@ -10,7 +10,7 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use crate::support::cli::{Ended, Toy};
+use crate::support::cli::{Ended, Toy, stop_signal};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::json;
 
@@ -114,7 +114,7 @@ fn a_signal_that_is_ignored_at_the_start_stays_ignored() {
     let (code, end) = signalled(in_shell("trap '' HUP", &command).spawn().unwrap(), Signal::HUP);
     assert_eq!((code, &end["state"]), (Some(0), &json!("finished")));
     let command = toy.command("run toy.toml -S learn.steps=61 --json");
-    let (code, end) = signalled(in_shell(":", &command).spawn().unwrap(), Signal::HUP);
+    let (code, end) = signalled(in_shell(":", &command).spawn().unwrap(), stop_signal());
     assert_eq!((code, &end["state"]), (Some(130), &json!("interrupted")));
 }
 

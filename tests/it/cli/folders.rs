@@ -183,7 +183,7 @@ fn a_process_that_stopped_with_a_lock_is_named() {
     let mut waiting = toy.command(slow).stdout(Stdio::piped()).spawn().unwrap();
     let mut heard = std::io::BufReader::new(waiting.stdout.take().unwrap());
     let mut line = String::new();
-    while !line.contains("works on it") {
+    while !line.contains("works on this node") {
         line.clear();
         assert_ne!(std::io::BufRead::read_line(&mut heard, &mut line).unwrap(), 0, "it says nothing");
     }

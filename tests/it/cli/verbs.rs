@@ -202,7 +202,7 @@ fn ctrl_c_stops_at_the_next_step_and_the_same_command_goes_on() {
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
     lines.find(|line| line.as_ref().unwrap().contains(r#""event":"progress","node":"learn@1""#)).unwrap().unwrap();
     let pid = rustix::process::Pid::from_child(&child);
-    rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
+    rustix::process::kill_process(pid, cli::stop_signal()).unwrap();
     let last: Value = serde_json::from_str(&lines.map(Result::unwrap).last().unwrap()).unwrap();
     let ended = Ended::of(child.wait_with_output().unwrap());
     assert_eq!((ended.code, &last["state"]), (Some(130), &json!("interrupted")));

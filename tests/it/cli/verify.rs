@@ -46,7 +46,10 @@ fn a_run_with_repair_makes_lost_recordings_again() {
     fs::remove_file(fs::canonicalize(toy.path("artifacts/runs/latest/learn@1.mcap")).unwrap()).unwrap();
     let told = toy.run("run toy.toml -q");
     assert_eq!(told.code, Some(0));
-    assert!(told.err.contains("warning: learn@1: it is cached and has no recording; `carl-pipe verify"), "{told:?}");
+    assert!(
+        told.err.contains("warning: learn@1: its result is cached without a recording; `carl-pipe verify"),
+        "{told:?}"
+    );
     assert!(toy.run("run toy.toml --repair -n").out.contains("its recording is gone"));
     let repaired = toy.run("run toy.toml --repair --json");
     assert_eq!((&repaired.json()["executed"], repaired.err.as_str()), (&json!(1), ""), "{repaired:?}");

@@ -101,12 +101,18 @@ fn lost_recordings_are_told_in_one_warning_each_time() {
     fs::remove_file(fs::canonicalize(report.path.join("b.mcap")).unwrap()).unwrap();
     let (again, ear) = bench.run(&chain(1));
     assert_eq!(again.count(Cached), 3);
-    assert_eq!(ear.warnings(), ["it is cached and has no recording; `carl-pipe verify --repair` makes it again"]);
+    assert_eq!(
+        ear.warnings(),
+        ["its result is cached without a recording; `carl-pipe verify --repair` makes the recording again"]
+    );
     assert!(again.path.join("a.mcap").exists() && !again.path.join("b.mcap").exists());
     fs::remove_file(fs::canonicalize(again.path.join("c.mcap")).unwrap()).unwrap();
     for _ in 0..2 {
         let (_, ear) = bench.run(&chain(1));
-        assert_eq!(ear.warnings(), ["2 cached nodes have no recording; `carl-pipe verify --repair` makes them again"]);
+        assert_eq!(
+            ear.warnings(),
+            ["2 cached nodes have no recording; `carl-pipe verify --repair` makes the recordings again"]
+        );
     }
     let (_, ear) = bench.run_with(&chain(1), &Options { force: Force::Unrecorded, ..Options::default() });
     assert_eq!((ear.ran(), ear.warnings().len()), (vec!["b".to_owned(), "c".to_owned()], 0));

@@ -170,7 +170,7 @@ fn runs_are_found_by_the_beginning_of_their_id() {
     assert_eq!(runs::find(&all, "sums").unwrap(), second.path);
     assert_eq!(runs::find(&all, "sums~1").unwrap(), first.path);
     let error = runs::find(&all, "latest~2").unwrap_err().to_string();
-    assert_eq!(error, "`latest~2` lies before the oldest run; there are 2 of `latest`");
+    assert_eq!(error, "`latest~2` does not exist: there are only 2 runs of `latest`");
     assert!(!runs::is_alive(&second.path));
 }
 

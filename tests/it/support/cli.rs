@@ -214,6 +214,16 @@ impl Toy {
     }
 }
 
+/// A signal that asks a run to stop: INT, or TERM where the tests themselves run with INT ignored, as in the background of
+/// a shell.
+pub fn stop_signal() -> rustix::process::Signal {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
+    let int = rustix::process::Signal::INT;
+    let is_ignored = mask.is_some_and(|mask| mask >> (int.as_raw() - 1) & 1 == 1);
+    if is_ignored { rustix::process::Signal::TERM } else { int }
+}
+
 /// How a process ended.
 #[derive(Debug)]
 pub struct Ended {

@@ -173,7 +173,8 @@ impl<'a> Journal<'a> {
             }
             Some(_) => {
                 let count = self.unrecorded.len();
-                self.events.warn(None, format!("{count} cached nodes have no recording; {REPAIR} makes the recordings again"));
+                self.events
+                    .warn(None, format!("{count} cached nodes have no recording; {REPAIR} makes the recordings again"));
             }
         }
     }
