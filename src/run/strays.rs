@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use super::runs;
+use super::alive;
 use crate::store;
 
 /// How the name of a link begins that has not become `latest` yet; the id of its run follows.
@@ -15,7 +15,7 @@ pub(super) fn sweep_links(runs_folder: &Path) {
         let name = item.file_name();
         let run = name.to_str().and_then(|name| name.strip_prefix(FRESH_LINK));
         let is_link = item.file_type().is_ok_and(|kind| kind.is_symlink());
-        if let Some(run) = run.filter(|run| is_link && !runs::is_alive(&runs_folder.join(run))) {
+        if let Some(run) = run.filter(|run| is_link && !alive::is_marked(&runs_folder.join(run))) {
             let _ = fs::remove_file(runs_folder.join(format!("{FRESH_LINK}{run}")));
         }
     }
@@ -23,7 +23,7 @@ pub(super) fn sweep_links(runs_folder: &Path) {
 
 /// Removes half-written files from the folder of a run whose process is dead.
 pub(super) fn sweep_run(run_dir: &Path) {
-    if !runs::is_alive(run_dir) {
+    if !alive::is_marked(run_dir) {
         store::own_items(run_dir).for_each(|path| drop(fs::remove_file(path)));
     }
 }
