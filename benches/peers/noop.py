@@ -2,8 +2,8 @@
 """Times a run in which nothing has changed: carl-pipe beside DVC and Snakemake, on the same layered graphs.
 
     cargo build --release
-    python3 -m venv /tmp/peers && /tmp/peers/bin/pip install dvc snakemake
-    PATH=/tmp/peers/bin:$PATH python3 benches/peers/noop.py --sizes 6,200,1000,10000
+    python3 -m venv peer-venv && peer-venv/bin/pip install dvc snakemake
+    PATH=$PWD/peer-venv/bin:$PATH python3 benches/peers/noop.py --sizes 6,200,1000,10000
 
 A graph of N nodes has N/10 groups; in each, nine nodes make a file and a tenth reads all nine (6 nodes: one group of
 five and one). The peers run `echo` and `cat`, carl-pipe a short evaluation and a summary. The first run is not timed. A

@@ -100,11 +100,8 @@ pub(crate) fn gc(global: &Global, args: &Args) -> Result<Exit, Error> {
         let store = LocalStore::open_alone(&global.artifacts)?;
         let plan = gc::plan(&store, &runs, &policy)?;
         if (&plan.removed, &plan.kept) != (&shown.removed, &shown.kept) {
-            return Err(Error::new(
-                Exit::Busy,
-                "runs changed meanwhile, so nothing was removed; run `carl-pipe gc` again",
-            )
-            .help("run `carl-pipe gc` again"));
+            return Err(Error::new(Exit::Busy, "runs changed meanwhile, so nothing was removed")
+                .help("run `carl-pipe gc` again"));
         }
         gc::remove(&store, &runs, &plan)?;
     }

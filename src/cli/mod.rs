@@ -27,6 +27,7 @@ mod verify;
 mod view;
 mod view_program;
 mod why;
+mod working;
 
 use std::{ffi::OsString, panic::catch_unwind, path::PathBuf};
 

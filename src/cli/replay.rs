@@ -8,13 +8,12 @@ use super::{
     Global,
     exit::{Error, Exit},
     out::{self, duration},
-    progress::{self, How},
     stop::Stop,
+    working::WorkingArgs,
 };
 use crate::{
     run::{
         events::RunState,
-        execute::Options,
         manifest::Manifest,
         replay::{Difference, Replayed, replay as replay_run},
     },
@@ -28,15 +27,11 @@ pub(crate) struct Args {
     /// The run: `latest`, `latest~1`, a tag, a pipeline (its newest run), a run id, or the beginning of an id.
     #[arg(value_name = "RUN", default_value = "latest")]
     run: String,
-    /// The largest number of nodes that run at once.
-    #[arg(short, long, value_name = "N", env = "CARL_JOBS", hide_env_values = true)]
-    jobs: Option<usize>,
+    #[command(flatten)]
+    working: WorkingArgs,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
-    /// How to show progress: auto, bar, plain or none; see `carl-pipe run --help`.
-    #[arg(long, value_name = "HOW", default_value = "auto", value_enum, hide_possible_values = true)]
-    progress: How,
 }
 
 /// Replays a run.
@@ -44,10 +39,7 @@ pub(crate) fn replay(global: &Global, args: &Args, kinds: &'static [Kind]) -> Re
     let store = global.store_to_run()?;
     let manifest = global.manifest(&args.run)?;
     let scratch = scratch_folder(&store, &manifest.run)?;
-    let stop = Stop::listen()?;
-    let defaults = Options::default();
-    let options = Options { jobs: args.jobs.unwrap_or(defaults.jobs), stop: stop.flag.clone(), ..defaults };
-    let progress = progress::new(args.progress.resolve(args.json, global.quiet), global, kinds, stop);
+    let (options, progress) = args.working.start(Stop::listen()?, global, args.json, kinds);
     let find = |name: &str| kinds.iter().find(|kind| kind.name == name);
     let result = replay_run(&manifest, &store, &scratch, &options, &find, &*progress);
     progress.close();

@@ -10,12 +10,11 @@ use super::{
     Global,
     exit::{Error, Exit},
     out::{self, duration},
-    progress::{self, How},
     stop::Stop,
+    working::WorkingArgs,
 };
 use crate::{
     run::{
-        execute::Options,
         manifest::Manifest,
         repair::{Repaired, repair},
         runs,
@@ -46,15 +45,11 @@ pub(crate) struct Args {
     /// Set damaged files aside, and make again what a kept run needs.
     #[arg(long)]
     repair: bool,
-    /// The largest number of nodes that run at once in a repair.
-    #[arg(short, long, value_name = "N", env = "CARL_JOBS", hide_env_values = true)]
-    jobs: Option<usize>,
+    #[command(flatten)]
+    working: WorkingArgs,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
-    /// How to show the progress of a repair: auto, bar, plain or none; see `carl-pipe run --help`.
-    #[arg(long, value_name = "HOW", default_value = "auto", value_enum, hide_possible_values = true)]
-    progress: How,
 }
 
 /// Verifies a store or a run.
@@ -113,9 +108,7 @@ fn repair_all(
         }
     }
     let stop = Stop::listen()?;
-    let defaults = Options::default();
-    let options = Options { jobs: args.jobs.unwrap_or(defaults.jobs), stop: stop.flag.clone(), ..defaults };
-    let progress = progress::new(args.progress.resolve(args.json, global.quiet), global, kinds, stop.clone());
+    let (options, progress) = args.working.start(stop.clone(), global, args.json, kinds);
     let scratch = store.scratch_path(&format!("verify-{}", std::process::id()));
     let kind = |name: &str| kinds.iter().find(|kind| kind.name == name);
     let mut all = Repaired::default();

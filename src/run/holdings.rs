@@ -110,7 +110,7 @@ impl Holdings {
         let entries: BTreeMap<Digest, Entry> =
             store.entries()?.into_iter().map(|entry| (entry.key_digest, entry)).collect();
         let size = |object| store.path_of(object).and_then(|path| fs::metadata(path).ok()).map_or(0, |meta| meta.len());
-        let objects: BTreeSet<Digest> = entries.values().flat_map(objects_of).collect();
+        let objects: BTreeSet<Digest> = entries.values().flat_map(Entry::objects).collect();
         let objects = objects.into_iter().map(|object| (object, size(object))).collect();
         let pointed = fs::read_link(runs.join("latest")).ok();
         let mut holdings = Self { runs: Vec::new(), entries, objects };
@@ -125,18 +125,13 @@ impl Holdings {
 
     /// The objects of these results.
     pub fn objects_of<'a>(&'a self, keys: &'a BTreeSet<Digest>) -> impl Iterator<Item = Digest> + 'a {
-        keys.iter().filter_map(|key| self.entries.get(key)).flat_map(objects_of)
+        keys.iter().filter_map(|key| self.entries.get(key)).flat_map(Entry::objects)
     }
 
     /// The bytes of an object.
     pub fn bytes(&self, object: Digest) -> u64 {
         self.objects.get(&object).copied().unwrap_or(0)
     }
-}
-
-/// The objects that an entry names.
-fn objects_of(entry: &Entry) -> impl Iterator<Item = Digest> + '_ {
-    entry.files.iter().map(|file| file.object).chain(entry.recording.iter().map(|recording| recording.object))
 }
 
 fn holding(

@@ -6,11 +6,11 @@ use std::{fs, io, path::Path};
 use anyhow::{Context as _, bail};
 use serde::{Deserialize, Serialize};
 
-use super::{
-    runs,
+use super::runs;
+use crate::store::{
+    self,
     sealed::{self, Seal},
 };
-use crate::store;
 
 /// The file in the folder of a run.
 const FILE: &str = "marks.json";

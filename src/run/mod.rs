@@ -17,7 +17,6 @@ pub mod repair;
 pub mod replay;
 pub mod runs;
 mod salvage;
-mod sealed;
 mod strays;
 mod utc;
 pub mod verify;

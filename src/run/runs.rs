@@ -66,11 +66,7 @@ impl RunDir {
 
     /// Lets `latest` point to this run.
     pub(crate) fn point_latest(&self) -> anyhow::Result<()> {
-        let runs = self.path.parent().unwrap_or(Path::new("."));
-        let fresh = runs.join(format!("{FRESH_LINK}{}", self.id));
-        symlink(&self.id, &fresh)
-            .and_then(|()| fs::rename(&fresh, runs.join("latest")))
-            .with_context(|| format!("cannot point {} to {}", runs.join("latest").display(), self.id))
+        point_latest(self.path.parent().unwrap_or(Path::new(".")), &self.id)
     }
 
     /// The path of a file as seen from the folder of the run.
@@ -91,6 +87,14 @@ impl RunDir {
         }
         .with_context(|| format!("cannot link {}", path.display()))
     }
+}
+
+/// Lets `latest` point to a run. There is no moment without `latest`.
+pub(super) fn point_latest(runs: &Path, id: &str) -> anyhow::Result<()> {
+    let fresh = runs.join(format!("{FRESH_LINK}{id}"));
+    symlink(id, &fresh)
+        .and_then(|()| fs::rename(&fresh, runs.join("latest")))
+        .with_context(|| format!("cannot point {} to {id}", runs.join("latest").display()))
 }
 
 /// The path of a file as seen from a folder. Both paths must be absolute, or relative to the same folder.

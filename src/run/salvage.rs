@@ -27,9 +27,7 @@ impl Salvaged {
 
     /// Whether a file of the run names this result, or a part of it.
     pub(super) fn names(&self, entry: &Entry) -> bool {
-        let objects = entry.files.iter().map(|file| file.object);
-        let recording = entry.recording.iter().map(|recording| recording.object);
-        objects.chain(recording).chain([entry.key_digest, entry.output]).any(|digest| self.0.contains(&digest))
+        entry.objects().chain([entry.key_digest, entry.output]).any(|digest| self.0.contains(&digest))
     }
 
     pub(super) fn is_empty(&self) -> bool {

@@ -3,12 +3,9 @@
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
-    sync::{
-        Mutex, PoisonError,
-        atomic::{AtomicUsize, Ordering},
-    },
-    thread,
 };
+
+use rayon::prelude::*;
 
 use super::manifest::{Manifest, Unreadable};
 use crate::{
@@ -86,7 +83,7 @@ pub fn verify(store: &LocalStore, runs: &[PathBuf], all: bool) -> Verified {
         }
         objects.extend(inventory.objects.into_iter().map(|object| (object, Use::of("object"))));
         for (path, why) in inventory.unlisted {
-            found.problems.push(Use::of("folder").problem(Fault::Unreadable(why), path));
+            found.problems.push(Use::of("folder").problem(Fault::Unreadable(why.to_string()), path));
         }
     }
     // What runs use comes first, so that an object that others use too is named after the run.
@@ -173,24 +170,12 @@ impl Verified {
     /// Reads all objects, on every core.
     fn read_objects(&mut self, store: &LocalStore, objects: BTreeMap<Digest, Use>) {
         let objects: Vec<(Digest, Use)> = objects.into_iter().collect();
-        let (next, results) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
-        let read = || {
-            while let Some((object, _)) = objects.get(next.fetch_add(1, Ordering::Relaxed)) {
-                let result = store.verify_object(*object);
-                results.lock().unwrap_or_else(PoisonError::into_inner).insert(*object, result);
-            }
-        };
-        let threads = thread::available_parallelism().map_or(1, usize::from);
-        thread::scope(|scope| (0..threads).for_each(|_| _ = scope.spawn(read)));
-        let mut results = results.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let read: Vec<_> = objects.par_iter().map(|(object, _)| store.verify_object(*object)).collect();
         self.objects = objects.len();
-        for (object, used) in objects {
-            match results.remove(&object) {
-                Some(Ok(bytes)) => self.bytes += bytes,
-                Some(Err(fault)) => {
-                    self.problems.push(used.problem(fault, store.path_of(object).unwrap_or_default()));
-                }
-                None => {}
+        for ((object, used), result) in objects.into_iter().zip(read) {
+            match result {
+                Ok(bytes) => self.bytes += bytes,
+                Err(fault) => self.problems.push(used.problem(fault, store.path_of(object).unwrap_or_default())),
             }
         }
     }

@@ -41,9 +41,18 @@ impl Memory {
 
 /// The memory of this machine in bytes; `None` where the system does not tell.
 pub(super) fn of_this_machine() -> Option<u64> {
+    of_system("MemTotal")
+}
+
+/// The memory of this machine that is free, in bytes; `None` where the system does not tell.
+pub(crate) fn free() -> Option<u64> {
+    of_system("MemAvailable")
+}
+
+fn of_system(name: &str) -> Option<u64> {
     let told = fs::read_to_string("/proc/meminfo").ok()?;
-    let total = told.lines().find_map(|line| line.strip_prefix("MemTotal:")?.trim().strip_suffix(" kB"))?;
-    total.parse::<u64>().ok()?.checked_mul(1024)
+    let line = told.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'))?;
+    line.trim().strip_suffix(" kB")?.parse::<u64>().ok()?.checked_mul(1024)
 }
 
 fn gib(bytes: u64) -> String {

@@ -14,7 +14,7 @@ mod fits;
 mod generate_data;
 mod inputs;
 mod kind;
-mod memory;
+pub(crate) mod memory;
 mod networks;
 mod params;
 mod probe;

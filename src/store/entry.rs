@@ -5,7 +5,10 @@ use std::{collections::BTreeMap, io, path::Path};
 use serde::{Deserialize, Serialize, de::IgnoredAny};
 use serde_json::Value;
 
-use super::{Files, Key};
+use super::{
+    Files, Key,
+    sealed::{self, Seal},
+};
 use crate::digest::Digest;
 
 /// The format of an entry. Raise it when an older carl-pipe would misread an entry.
@@ -127,11 +130,16 @@ impl Entry {
         }
     }
 
+    /// The objects that it names: those of its files, and its recording.
+    pub fn objects(&self) -> impl Iterator<Item = Digest> + '_ {
+        self.files.iter().map(|file| file.object).chain(self.recording.iter().map(|recording| recording.object))
+    }
+
     /// The entry as a store keeps it: a line with the digest of all that follows, then the readable key and the entry. The
     /// key is for people. A look-up skips it.
     pub(super) fn to_text(&self, key: &Value) -> io::Result<String> {
         let body = format!("\"key\":{key},\n\"entry\":{}}}\n", serde_json::to_string(self)?);
-        Ok(format!("{}{body}", head(Digest::of_bytes(body.as_bytes()))))
+        Ok(sealed::with_head(&body))
     }
 
     /// The readable key in what [`Entry::to_text`] wrote; null where there is none.
@@ -141,26 +149,33 @@ impl Entry {
     }
 
     /// Reads what [`Entry::to_text`] wrote for a key, or says why it cannot be used.
-    pub(super) fn from_text(text: &[u8], key: Digest) -> Result<Self, &'static str> {
+    pub(super) fn from_text(text: &[u8], key: Digest) -> Result<Self, EntryFault> {
         #[derive(Deserialize)]
         struct OnDisk {
             entry: Entry,
         }
-        let head_len = head(key).len();
-        let is_whole = text.len() > head_len && text.starts_with(head(Digest::of_bytes(&text[head_len..])).as_bytes());
-        if !is_whole {
-            return Err("its entry is damaged");
+        if sealed::check(text) != Seal::Whole {
+            return Err(EntryFault::Damaged);
         }
         match serde_json::from_slice::<OnDisk>(text) {
-            Ok(OnDisk { entry }) if entry.format != FORMAT => Err("its entry is of another format"),
-            Ok(OnDisk { entry }) if entry.key_digest != key => Err("its entry is of another key"),
+            Ok(OnDisk { entry }) if entry.format != FORMAT => Err(EntryFault::OtherFormat),
+            Ok(OnDisk { entry }) if entry.key_digest != key => Err(EntryFault::OtherKey),
             Ok(OnDisk { entry }) => Ok(entry),
-            Err(_) => Err("its entry is of another format"),
+            Err(_) => Err(EntryFault::OtherFormat),
         }
     }
 }
 
-/// The first line of an entry: the digest of every byte that follows.
-fn head(check: Digest) -> String {
-    format!("{{\"check\":\"{check}\",\n")
+/// Why the text of an entry cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub(super) enum EntryFault {
+    /// The text is not what was written.
+    #[error("its entry is damaged")]
+    Damaged,
+    /// Another carl-pipe wrote it.
+    #[error("its entry is of another format")]
+    OtherFormat,
+    /// It lies in the place of another entry.
+    #[error("its entry is of another key")]
+    OtherKey,
 }

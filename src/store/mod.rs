@@ -9,6 +9,7 @@ mod files;
 mod holder;
 mod key;
 mod local;
+pub(crate) mod sealed;
 
 pub use contract::{KeyLock, Lookup, Published, ResultStore};
 pub use entry::{Entry, FileRef, NewEntry, NewRecording, RecordingRef, Stat};
@@ -16,4 +17,4 @@ pub use error::{Error, Problem, Result};
 pub use files::{Content, Files, ReadSeek};
 pub use holder::Holder;
 pub use key::Key;
-pub use local::{Fault, Inventory, Kept, LocalStore, Removed, own_items, replace_file};
+pub use local::{Fault, Inventory, Kept, LocalStore, Removed, own_items, replace_file, sync_folder};

@@ -17,6 +17,7 @@ use crate::{
         view_program::{self, VERSION},
     },
     num::simd::has_fused_vectors,
+    stage::memory,
 };
 
 /// Clocks of machines that share a disk may differ by this much.
@@ -97,10 +98,7 @@ fn processor() -> Finding {
 }
 
 fn memory() -> Finding {
-    let text = fs::read_to_string("/proc/meminfo").unwrap_or_default();
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
-    let free = line.and_then(|rest| rest.trim().trim_end_matches("kB").trim().parse::<u64>().ok());
-    match free.map(|kib| kib * 1024) {
+    match memory::free() {
         Some(free) if free < LITTLE_MEMORY => Finding::warning(
             "memory",
             format!("{} are free", out::bytes(free)),

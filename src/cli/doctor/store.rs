@@ -34,7 +34,7 @@ pub(super) fn look(root: &Path, findings: &mut Vec<Finding>) -> Option<LocalStor
     let (results, objects, bytes) = (inventory.keys.len(), inventory.objects.len(), out::bytes(bytes));
     findings.push(Finding::ok("store", format!("{shown} has {results} results in {objects} files, {bytes}")));
     for (folder, why) in inventory.unlisted {
-        let text = format!("cannot read {}: {}", folder.display(), out::tidy(&why));
+        let text = format!("cannot read {}: {}", folder.display(), out::tidy(&why.to_string()));
         findings.push(Finding::problem("store", text, "look at the rights of the folder"));
     }
     bad(root, findings);

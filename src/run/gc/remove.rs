@@ -1,18 +1,13 @@
 //! Removes what a plan says.
 
-use std::{
-    fs::{self, File},
-    io,
-    os::unix::fs::symlink,
-    path::Path,
-};
+use std::{fs, io, path::Path};
 
 use anyhow::Context as _;
 
 use super::{Plan, RemovedRun, kept};
 use crate::{
     run::{runs, strays},
-    store::LocalStore,
+    store::{LocalStore, sync_folder},
 };
 
 /// The name of the folder of a run that is being removed begins so.
@@ -31,9 +26,7 @@ pub fn remove(store: &LocalStore, runs: &Path, plan: &Plan) -> anyhow::Result<()
     if !plan.removed.is_empty() {
         point_latest(runs)?;
         // Before a result goes, so that no power cut brings back a run without its results.
-        File::open(runs)
-            .and_then(|folder| folder.sync_all())
-            .with_context(|| format!("cannot write {}", runs.display()))?;
+        sync_folder(runs)?;
     }
     store.clean(&kept(&plan.kept_entries), false)?;
     strays::sweep_links(runs);
@@ -62,9 +55,8 @@ fn point_latest(runs: &Path) -> anyhow::Result<()> {
     if latest.exists() || fs::symlink_metadata(&latest).is_err() {
         return Ok(());
     }
-    let repoint = |newest: Option<&runs::Found>| {
-        fs::remove_file(&latest)?;
-        newest.map_or(Ok(()), |newest| symlink(&newest.id, &latest))
-    };
-    repoint(runs::list(runs)?.first()).with_context(|| format!("cannot write {}", latest.display()))
+    match runs::list(runs)?.first() {
+        Some(newest) => runs::point_latest(runs, &newest.id),
+        None => fs::remove_file(&latest).with_context(|| format!("cannot remove {}", latest.display())),
+    }
 }

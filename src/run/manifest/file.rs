@@ -11,8 +11,10 @@ use serde_json::Value;
 use super::Manifest;
 use crate::{
     pipeline::Member,
-    run::sealed::{self, Seal},
-    store,
+    store::{
+        self,
+        sealed::{self, Seal},
+    },
 };
 
 /// The format of a manifest. Raise it when an older carl-pipe would misread a manifest.

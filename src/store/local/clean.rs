@@ -2,11 +2,11 @@
 
 use std::{
     collections::BTreeSet,
-    fs, io,
+    fs,
     path::{Path, PathBuf},
 };
 
-use super::{LocalStore, durable::own_items, entry_below_root, object_below_root};
+use super::{LocalStore, durable::own_items, verify::Inventory};
 use crate::{
     digest::Digest,
     store::{Entry, Result, error::OrIo as _},
@@ -23,8 +23,7 @@ impl Kept {
     /// Keeps an entry and all objects that it names.
     pub fn add(&mut self, entry: &Entry) {
         self.keys.insert(entry.key_digest);
-        self.objects.extend(entry.files.iter().map(|file| file.object));
-        self.objects.extend(entry.recording.as_ref().map(|recording| recording.object));
+        self.objects.extend(entry.objects());
     }
 }
 
@@ -47,15 +46,14 @@ impl LocalStore {
     /// The system refused an operation.
     pub fn clean(&self, kept: &Kept, dry_run: bool) -> Result<Removed> {
         let mut removed = Removed::default();
-        let entries: BTreeSet<PathBuf> = kept.keys.iter().map(|key| entry_below_root(*key)).collect();
-        for path in self.files_below("keys")?.into_iter().filter(|path| !entries.contains(path)) {
+        let Inventory { keys, objects, .. } = self.whole_inventory()?;
+        for key in keys.into_iter().filter(|key| !kept.keys.contains(key)) {
             removed.entries += 1;
-            remove_file(&self.root.join(path), dry_run)?;
+            remove_file(&self.entry_path(key), dry_run)?;
         }
-        let objects: BTreeSet<PathBuf> = kept.objects.iter().map(|object| object_below_root(*object)).collect();
-        for path in self.files_below("objects")?.into_iter().filter(|path| !objects.contains(path)) {
+        for object in objects.into_iter().filter(|object| !kept.objects.contains(object)) {
             removed.objects += 1;
-            removed.bytes += remove_file(&self.root.join(path), dry_run)?;
+            removed.bytes += remove_file(&self.object(object), dry_run)?;
         }
         let temporary = ["bad", "tmp"].into_iter().flat_map(|folder| own_items(&self.root.join(folder)));
         for path in temporary.chain(self.locks()) {
@@ -71,48 +69,30 @@ impl LocalStore {
     /// The system refused an operation.
     pub fn entries(&self) -> Result<Vec<Entry>> {
         let mut entries = Vec::new();
-        for path in self.files_below("keys")? {
-            if let Some(key) = digest_of(&path) {
-                entries.extend(self.read_entry(key)?.entry());
-            }
+        for key in self.whole_inventory()?.keys {
+            entries.extend(self.read_entry(key)?.entry());
         }
         Ok(entries)
+    }
+
+    /// What the store holds.
+    ///
+    /// # Errors
+    /// A folder cannot be listed.
+    fn whole_inventory(&self) -> Result<Inventory> {
+        let mut inventory = self.inventory();
+        match inventory.unlisted.pop() {
+            Some((folder, source)) => Err(source).or_io(|| format!("cannot read {}", folder.display())),
+            None => Ok(inventory),
+        }
     }
 
     /// The lock files of keys.
     fn locks(&self) -> impl Iterator<Item = PathBuf> {
         let items = fs::read_dir(self.root.join("locks")).into_iter().flatten().flatten();
-        let is_lock = |item: &fs::DirEntry| digest_of(&Path::new("locks").join(item.file_name())).is_some();
-        items.filter(is_lock).map(|item| item.path())
+        let key = |item: &fs::DirEntry| format!("b3:{}", item.file_name().to_str()?).parse::<Digest>().ok();
+        items.filter(move |item| key(item).is_some()).map(|item| item.path())
     }
-
-    /// Every entry or object below a folder of the store, relative to the store. Files of other names are not ours.
-    fn files_below(&self, folder: &str) -> Result<Vec<PathBuf>> {
-        let mut files = Vec::new();
-        for prefix in paths_in(&self.root.join(folder))? {
-            if prefix.is_dir() {
-                let paths = paths_in(&prefix)?;
-                let below = paths.iter().filter_map(|path| path.strip_prefix(&self.root).ok());
-                files.extend(below.filter(|path| digest_of(path).is_some()).map(Path::to_owned));
-            }
-        }
-        files.sort();
-        Ok(files)
-    }
-}
-
-/// The digest that the path of an entry, an object or a lock, relative to the store, spells out.
-fn digest_of(path: &Path) -> Option<Digest> {
-    let hex: String = path.iter().skip(1).map(|part| part.to_string_lossy()).collect();
-    format!("b3:{}", hex.strip_suffix(".json").unwrap_or(&hex)).parse().ok()
-}
-
-fn paths_in(folder: &Path) -> Result<Vec<PathBuf>> {
-    let paths = fs::read_dir(folder).and_then(|items| items.map(|item| Ok(item?.path())).collect());
-    if paths.as_ref().is_err_and(|error: &io::Error| error.kind() == io::ErrorKind::NotFound) {
-        return Ok(Vec::new());
-    }
-    paths.or_io(|| format!("cannot read {}", folder.display()))
 }
 
 fn remove_file(path: &Path, dry_run: bool) -> Result<u64> {

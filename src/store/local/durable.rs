@@ -117,7 +117,10 @@ pub fn replace_file(path: &Path, bytes: &[u8], durable: bool) -> Result<()> {
 }
 
 /// Makes the names in a folder safe from a power cut, where the file system can do so. `carl-pipe doctor` says whether.
-pub(super) fn sync_folder(folder: &Path) -> Result<()> {
+///
+/// # Errors
+/// The system refused an operation.
+pub fn sync_folder(folder: &Path) -> Result<()> {
     match File::open(folder).and_then(|folder| folder.sync_all()) {
         Err(error) if !cannot_sync_folders(&error) => Err(error).or_io(|| format!("cannot write {}", folder.display())),
         _ => Ok(()),

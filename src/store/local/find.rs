@@ -7,14 +7,14 @@ use serde_json::Value;
 use super::{LocalStore, durable::Temporary, objects::ObjectState};
 use crate::{
     digest::Digest,
-    store::{Entry, Lookup, Result, error::OrIo as _},
+    store::{Entry, Lookup, Result, entry::EntryFault, error::OrIo as _},
 };
 
 /// What lies where the entry of a key belongs.
 pub(super) enum EntryOnDisk {
     Whole(Box<Entry>),
     Missing,
-    Unusable(&'static str),
+    Unusable(EntryFault),
 }
 
 impl EntryOnDisk {
@@ -33,7 +33,7 @@ impl LocalStore {
             EntryOnDisk::Missing => Ok(Lookup::Miss),
             EntryOnDisk::Unusable(why) => {
                 self.set_aside(&self.entry_path(key));
-                Ok(Lookup::Unusable(why.to_owned()))
+                Ok(Lookup::Unusable(why.to_string()))
             }
         }
     }

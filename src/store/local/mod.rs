@@ -20,7 +20,7 @@ use crate::digest::Digest;
 
 pub use clean::{Kept, Removed};
 use durable::OWN_PREFIX;
-pub use durable::{own_items, replace_file};
+pub use durable::{own_items, replace_file, sync_folder};
 use lock::{LockedKey, StoreLock};
 use marker::Place;
 pub use verify::{Fault, Inventory};

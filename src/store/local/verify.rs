@@ -10,7 +10,7 @@ use std::{
 use super::{LocalStore, durable::move_aside, find::EntryOnDisk};
 use crate::{
     digest::Digest,
-    store::{Entry, Error},
+    store::{Entry, Error, entry::EntryFault},
 };
 
 /// What is wrong with a file.
@@ -32,25 +32,32 @@ pub struct Inventory {
     /// The objects.
     pub objects: Vec<Digest>,
     /// Folders that cannot be listed, and why.
-    pub unlisted: Vec<(PathBuf, String)>,
+    pub unlisted: Vec<(PathBuf, io::Error)>,
 }
 
 impl LocalStore {
-    /// Lists what the store holds.
+    /// Lists what the store holds. Files of other names are not ours.
     pub fn inventory(&self) -> Inventory {
         let mut unlisted = Vec::new();
-        let keys = self.digests_below("keys", &mut unlisted);
-        let objects = self.digests_below("objects", &mut unlisted);
+        let keys = self.digests_below("keys", |key| self.entry_path(key), &mut unlisted);
+        let objects = self.digests_below("objects", |object| self.object(object), &mut unlisted);
         Inventory { keys, objects, unlisted }
     }
 
-    fn digests_below(&self, folder: &str, unlisted: &mut Vec<(PathBuf, String)>) -> Vec<Digest> {
+    /// The digests that the files two levels below a folder are named after; `place` says where the file of a digest lies.
+    fn digests_below(
+        &self,
+        folder: &str,
+        place: impl Fn(Digest) -> PathBuf,
+        unlisted: &mut Vec<(PathBuf, io::Error)>,
+    ) -> Vec<Digest> {
         let mut found = Vec::new();
         for prefix in paths_in(&self.root.join(folder), unlisted).into_iter().filter(|path| path.is_dir()) {
             for path in paths_in(&prefix, unlisted) {
-                let rest = path.strip_prefix(self.root.join(folder)).unwrap_or(&path);
-                let hex: String = rest.iter().map(|part| part.to_string_lossy()).collect();
-                found.extend(format!("b3:{}", hex.trim_end_matches(".json")).parse::<Digest>());
+                let names =
+                    [prefix.file_name(), path.file_stem()].map(|name| name.unwrap_or_default().to_string_lossy());
+                let digest = format!("b3:{}", names.concat()).parse().ok();
+                found.extend(digest.filter(|&digest| place(digest) == path));
             }
         }
         found.sort();
@@ -65,8 +72,8 @@ impl LocalStore {
         match self.read_entry(key).map_err(unreadable)? {
             EntryOnDisk::Whole(entry) => Ok(*entry),
             EntryOnDisk::Missing => Err(Fault::Missing),
-            EntryOnDisk::Unusable("its entry is damaged") => Err(Fault::Damaged),
-            EntryOnDisk::Unusable(why) => Err(Fault::Unreadable(why.to_owned())),
+            EntryOnDisk::Unusable(EntryFault::Damaged) => Err(Fault::Damaged),
+            EntryOnDisk::Unusable(why) => Err(Fault::Unreadable(why.to_string())),
         }
     }
 
@@ -105,13 +112,13 @@ fn unreadable(error: Error) -> Fault {
     }
 }
 
-fn paths_in(folder: &Path, unlisted: &mut Vec<(PathBuf, String)>) -> Vec<PathBuf> {
+fn paths_in(folder: &Path, unlisted: &mut Vec<(PathBuf, io::Error)>) -> Vec<PathBuf> {
     let paths = fs::read_dir(folder).and_then(|items| items.map(|item| Ok(item?.path())).collect());
     paths.unwrap_or_else(|error: io::Error| {
         if error.kind() == io::ErrorKind::NotFound {
             return Vec::new(); // An empty store has no folders yet.
         }
-        unlisted.push((folder.to_owned(), error.to_string()));
+        unlisted.push((folder.to_owned(), error));
         Vec::new()
     })
 }

@@ -6,7 +6,7 @@ use crate::digest::Digest;
 
 /// What the first line of a file says about the others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Seal {
+pub(crate) enum Seal {
     /// The lines are those that were written.
     Whole,
     /// The lines are others.
@@ -16,14 +16,19 @@ pub(super) enum Seal {
 }
 
 /// The text of an object, sealed. The whole text is one JSON object with `check` as its first member.
-pub(super) fn seal(object: &impl Serialize) -> serde_json::Result<Vec<u8>> {
+pub(crate) fn seal(object: &impl Serialize) -> serde_json::Result<Vec<u8>> {
     let text = serde_json::to_string_pretty(object)?;
     let body = format!("{}\n", text.trim_start_matches("{\n"));
-    Ok(format!("{}{body}", head(Digest::of_bytes(body.as_bytes()))).into_bytes())
+    Ok(with_head(&body).into_bytes())
+}
+
+/// A text whose first line, the beginning of a JSON object, is still missing.
+pub(super) fn with_head(body: &str) -> String {
+    format!("{}{body}", head(Digest::of_bytes(body.as_bytes())))
 }
 
 /// Compares the first line of a text with the others.
-pub(super) fn check(text: &[u8]) -> Seal {
+pub(crate) fn check(text: &[u8]) -> Seal {
     if !text.starts_with(BEGIN.as_bytes()) {
         return Seal::Absent;
     }
