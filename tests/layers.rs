@@ -40,6 +40,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
     (
         "stage",
         &[
+            ("diag", "the symmetry that was probably meant"),
             ("artifact", "what goes in and comes out"),
             ("lce", "training of the representation"),
             ("control", "training and running of policies"),

@@ -86,7 +86,7 @@ fn model_and_data(name: &str) -> (LceModel, Data) {
     let (frames, actions) = transitions(name, &mut rng);
     let (background, action_dim) = (background(&frames, sizes.pixels), sizes.action);
     let model = LceModel::new(sizes, background, &mut rng);
-    let data = Data { images: model.pictures(&frames), actions, action_dim };
+    let data = Data { images: model.pictures(&frames), actions, action_dim, copies: 1 };
     (model, data)
 }
 

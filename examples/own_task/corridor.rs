@@ -2,7 +2,8 @@
 
 use carl_pipe::{
     env::{
-        BackwardSizes, Frames, NetworkSizes, OptionValue, Simulator, Spec, Start, Task, TaskKind, TaskOption, World,
+        BackwardSizes, Frames, NetworkSizes, OptionValue, Simulator, Spec, Start, Symmetry, Task, TaskKind, TaskOption,
+        World,
     },
     num::{rng::Rng, sampling},
 };
@@ -24,6 +25,15 @@ pub static TASK: TaskKind = TaskKind {
         about: "largest push of a control step",
     }],
     world: World::Simulator { spec, open: |task| Ok(Box::new(Corridor::new(task))) },
+    // Both ends are alike.
+    symmetries: &[Symmetry {
+        name: "mirror",
+        about: "left and right change places",
+        apply: |seen, _| {
+            seen.mirror_columns();
+            seen.reverse_action();
+        },
+    }],
     networks: NetworkSizes {
         latent: 2,
         is_convolutional: false,

@@ -6,7 +6,6 @@ use super::{
     Artifact, Files,
     tensors::{TensorFile, Tensors},
 };
-use crate::{lce::LceModel, lce::trainer::Data};
 
 /// Transitions as pictures and actions.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -93,12 +92,6 @@ impl Transitions {
         let pixels = self.pixels();
         let pairs = self.observations.chunks_exact(pixels).zip(self.next_observations.chunks_exact(pixels));
         pairs.flat_map(|(now, next)| now.iter().chain(next)).copied().collect()
-    }
-
-    /// The transitions, packed for the training of `model`.
-    pub fn data(&self, model: &LceModel) -> Data {
-        let pictures = model.pictures(&self.frames());
-        Data { images: pictures, actions: self.actions.clone(), action_dim: self.action_dim }
     }
 }
 

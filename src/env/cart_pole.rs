@@ -3,17 +3,18 @@
 //! Dynamics and images follow the public PCC implementation. That implementation has a control step of 0.02 s; our default
 //! differs. The cart may leave the image.
 
-use std::f64::consts::PI;
+use std::{f64::consts::PI, ops::Range};
 
 use serde_json::{Value, json};
 
 use super::{
-    BackwardSizes, DefaultsOf, Frames, NetworkSizes, Oracle, Preset, Start, System, Task, TaskKind, TaskOption, World,
+    BackwardSizes, DefaultsOf, Frames, NetworkSizes, Oracle, Preset, SeenTransition, Start, Symmetry, System, Task,
+    TaskKind, TaskOption, World,
     drawing::Canvas,
     ode,
     pole::{self, GRAVITY, disturbed, share, within, wrap},
 };
-use crate::num::rng::Rng;
+use crate::num::{rng::Rng, sampling};
 
 const SIDE: usize = 80;
 /// Mass of the pole, mass of cart and pole, in kg; half the pole's length in m.
@@ -36,6 +37,7 @@ pub(super) const TASK: TaskKind = TaskKind {
     // At the public implementation's 0.02 s no picture shows what a force did.
     options: &[TaskOption::NOISE, TaskOption::STEP],
     world: World::System(|task| Box::new(CartPole { noise: task.number("noise"), step: task.number("step") })),
+    symmetries: &[pole::MIRROR, SHIFT],
     networks: NetworkSizes {
         latent: 8,
         is_convolutional: true,
@@ -48,6 +50,24 @@ pub(super) const TASK: TaskKind = TaskKind {
     ceiling,
     paper_online: |_| Some(95.34),
 };
+
+/// Nothing depends on where the cart is.
+const SHIFT: Symmetry = Symmetry { name: "shift", about: "the cart is elsewhere on its track", apply: shift };
+/// Rows of pixels in which the cart is wider than its pole.
+const CART_ROWS: Range<usize> = 72..75;
+/// Columns of the cart's centre at which the whole cart is in the picture.
+const CENTRES: [isize; 2] = [8, 72];
+
+/// Moves the cart to where it stays in the picture. What an edge cuts off is not known, so it must not come in.
+fn shift(seen: &mut SeenTransition<'_>, rng: &mut Rng) {
+    let (Some(cart), Some(all)) = (seen.lit_columns(CART_ROWS), seen.lit_columns(0..SIDE)) else { return };
+    let [left, right] = CENTRES.map(|column| column - (cart.0 + cart.1) as isize / 2);
+    let left = if all.1 + 1 == SIDE { left.max(0) } else { left };
+    let right = if all.0 == 0 { right.min(0) } else { right };
+    if left <= right {
+        seen.shift_columns(left + sampling::index(rng, (right - left) as usize + 1) as isize);
+    }
+}
 
 fn ceiling(task: &Task, start: Start) -> Option<f64> {
     let known = [(0.02, 98.46), (0.05, 99.43)];

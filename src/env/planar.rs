@@ -24,6 +24,8 @@ pub(super) const TASK: TaskKind = TaskKind {
     about: "navigation among obstacles",
     options: &[TaskOption::NOISE],
     world: World::System(|task| Box::new(Planar { noise: task.number("noise") })),
+    // Walls and obstacles have different middles.
+    symmetries: &[],
     networks: NetworkSizes {
         latent: 2,
         is_convolutional: false,

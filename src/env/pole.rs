@@ -2,7 +2,18 @@
 //!
 //! Angles are 0 where a pole stands upright.
 
+use super::Symmetry;
 use crate::num::{rng::Rng, sampling};
+
+/// Left and right change places. A pole that leans the other way is pushed the other way.
+pub(super) const MIRROR: Symmetry = Symmetry {
+    name: "mirror",
+    about: "left and right change places",
+    apply: |seen, _| {
+        seen.mirror_columns();
+        seen.reverse_action();
+    },
+};
 
 /// Acceleration of gravity in m/s².
 pub(super) const GRAVITY: f64 = 9.81;

@@ -4,7 +4,9 @@ use std::{ops::RangeInclusive, sync::OnceLock};
 
 use serde_json::Value;
 
-use super::{DefaultsOf, NetworkSizes, Simulator, Spec, Start, System, Task, cart_pole, planar, swing_up, three_pole};
+use super::{
+    DefaultsOf, NetworkSizes, Simulator, Spec, Start, Symmetry, System, Task, cart_pole, planar, swing_up, three_pole,
+};
 
 /// One task. Its file declares everything that depends on the task.
 pub struct TaskKind {
@@ -16,6 +18,8 @@ pub struct TaskKind {
     pub options: &'static [TaskOption],
     /// What moves when an action is applied.
     pub world: World,
+    /// Exact symmetries of the dynamics and the pictures, which training may apply to its transitions.
+    pub symmetries: &'static [Symmetry],
     /// Widths of the networks that learn this task.
     pub networks: NetworkSizes,
     /// Parameters of a stage kind that differ from the kind's general preset, as a table that is laid over it.

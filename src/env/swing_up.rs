@@ -43,6 +43,7 @@ pub(super) const TASK: TaskKind = TaskKind {
         let [noise, step, torque] = ["noise", "step", "torque"].map(|option| task.number(option));
         Box::new(SwingUp { noise, step, torque })
     }),
+    symmetries: &[pole::MIRROR],
     networks: NetworkSizes {
         latent: 3,
         is_convolutional: false,

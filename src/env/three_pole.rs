@@ -54,6 +54,7 @@ pub(super) const TASK: TaskKind = TaskKind {
     world: World::System(|task| {
         Box::new(ThreePole { noise: task.number("noise"), step: task.number("step"), links: task.count("links") })
     }),
+    symmetries: &[pole::MIRROR],
     networks: NetworkSizes {
         latent: 8,
         is_convolutional: true,

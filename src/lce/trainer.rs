@@ -19,23 +19,31 @@ pub use super::backend::BATCH;
 /// Transitions (x, u, x') in the form that training reads. They contain no true state.
 #[derive(Debug, Clone)]
 pub struct Data<T = f32> {
-    /// Images 2i and 2i + 1 are x and x' of transition i.
+    /// Images 2i and 2i + 1 are x and x' of transition i. Those of its copy c are at c * N + i, with N transitions.
     pub images: BinaryImages,
     /// Actions in -1..1, one column for every transition.
     pub actions: Vec<T>,
     /// Components of an action.
     pub action_dim: usize,
+    /// How often `images` and `actions` hold every transition. A training step draws one of the copies at random.
+    pub copies: usize,
 }
 
 impl<T> Data<T> {
-    /// How many transitions there are.
+    /// How many transitions there are. Copies of one count once.
     pub fn len(&self) -> usize {
-        self.actions.len() / self.action_dim
+        self.actions.len() / (self.action_dim * self.copies)
     }
 
     /// Whether there are no transitions.
     pub fn is_empty(&self) -> bool {
         self.actions.is_empty()
+    }
+
+    /// Where one of the copies of a transition is.
+    fn draw_copy(&self, transition: u32, rng: &mut Rng) -> u32 {
+        let copy = if self.copies > 1 { sampling::index(rng, self.copies) } else { 0 };
+        (copy * self.len()) as u32 + transition
     }
 }
 
@@ -86,12 +94,13 @@ struct Gathered<T> {
 }
 
 impl<T: Real> Gathered<T> {
-    /// Gathers the transitions `which`, and draws `noise_width` standard normal numbers for each.
+    /// Gathers a copy of each of the transitions `which`, and draws `noise_width` standard normal numbers for each.
     fn gather(&mut self, data: &Data<T>, which: &[u32], noise_width: usize, dropout: f64, rng: &mut Rng) {
         self.pairs.clear();
         self.x.clear();
         self.actions.clear();
-        for &i in which {
+        for &transition in which {
+            let i = data.draw_copy(transition, rng);
             self.pairs.extend([2 * i, 2 * i + 1]);
             self.x.push(2 * i);
             self.actions.extend_from_slice(&data.actions[i as usize * data.action_dim..][..data.action_dim]);

@@ -21,8 +21,7 @@ impl super::Params for Ilqr {
             count(&mut refusals, path, value, fewest..=1000);
         }
         if self.uniform_plans == 0 && self.bang_bang_plans == 0 {
-            let why = "must be at least 1 where `bang_bang_plans` is 0".to_owned();
-            refusals.push(Refusal { path: "uniform_plans", why });
+            refusals.push(Refusal::new("uniform_plans", "must be at least 1 where `bang_bang_plans` is 0"));
         }
         refusals
     }

@@ -79,6 +79,7 @@ impl Kind {
 
 fn check<P: Params>(params: &P, task: &Task) -> Vec<Refusal> {
     let mut refusals = params.check();
+    refusals.extend(params.symmetries().into_iter().flat_map(|symmetries| symmetries.refusals(task)));
     // A value that is out of range asks for no sensible amount.
     if refusals.is_empty() {
         refusals.extend(params.memory(&network_sizes(task)).and_then(Memory::refusal));

@@ -22,7 +22,7 @@ impl Memory {
     /// Refuses more than [`MOST_MEMORY`].
     pub(super) fn refusal(self) -> Option<Refusal> {
         let why = || format!("needs about {}; the most is {}", gib(self.bytes), gib(MOST_MEMORY));
-        (self.bytes > MOST_MEMORY).then(|| Refusal { path: self.path, why: why() })
+        (self.bytes > MOST_MEMORY).then(|| Refusal::new(self.path, why()))
     }
 
     /// Refuses more than a machine has. Without this, the system would end the process once the memory is full.

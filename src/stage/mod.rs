@@ -20,6 +20,7 @@ mod params;
 mod probe;
 mod state;
 mod summarize;
+mod symmetries;
 mod train_lce;
 mod train_sac;
 
@@ -34,8 +35,9 @@ pub use kind::{Kind, kind, registry, registry_with};
 pub use memory::{MOST_MEMORY, Memory};
 pub use networks::network_sizes;
 pub(crate) use params::NoParams;
-pub use params::{MOST_PASSES, MOST_STEPS, Params, PresetOf, Refusal, above_zero, count, within};
+pub use params::{MOST_COPIES, MOST_PASSES, MOST_STEPS, Params, PresetOf, Refusal, above_zero, count, within};
 pub use state::StageState;
+pub use symmetries::{SymmetricCopies, Symmetries};
 
 /// One kind of stage: it takes typed parameters and inputs, and makes one artifact.
 ///

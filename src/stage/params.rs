@@ -1,11 +1,11 @@
 //! The parameters of a kind: their defaults, and the values that are refused.
 
-use std::ops::RangeInclusive;
+use std::{borrow::Cow, ops::RangeInclusive};
 
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
 
-use super::{Memory, Preset, StepScale};
+use super::{Memory, Preset, StepScale, Symmetries};
 use crate::{env::Task, lce::Sizes};
 
 /// The parameters of a kind. Derive `Serialize`, `Deserialize` (with `deny_unknown_fields, default`) and `JsonSchema`.
@@ -20,6 +20,11 @@ pub trait Params: Serialize + DeserializeOwned + Default + schemars::JsonSchema 
     /// The values that are out of range.
     fn check(&self) -> Vec<Refusal> {
         Vec::new()
+    }
+
+    /// The symmetries of the task that are applied. A name that the task does not declare is refused.
+    fn symmetries(&self) -> Option<&Symmetries> {
+        None
     }
 
     /// The memory that these parameters ask for, with networks of these widths. More than
@@ -49,22 +54,37 @@ impl Params for NoParams {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refusal {
     /// The parameter's path below the stage, such as `lambda.consistency`.
-    pub path: &'static str,
+    pub path: Cow<'static, str>,
     /// A lower-case clause such as ``must be above 0, but is `-1` ``.
     pub why: String,
+    /// The next step, where there is more to say.
+    pub help: Option<String>,
+}
+
+impl Refusal {
+    /// Refuses the parameter at `path`.
+    pub fn new(path: impl Into<Cow<'static, str>>, why: impl Into<String>) -> Self {
+        Self { path: path.into(), why: why.into(), help: None }
+    }
+
+    /// The same with a next step.
+    #[must_use]
+    pub fn help(self, help: impl Into<String>) -> Self {
+        Self { help: Some(help.into()), ..self }
+    }
 }
 
 /// Refuses a value that is not above zero, nan and inf among them.
 pub fn above_zero(refusals: &mut Vec<Refusal>, path: &'static str, value: f64) {
     if !(value.is_finite() && value > 0.0) {
-        refusals.push(Refusal { path, why: format!("must be above 0, but is `{value}`") });
+        refusals.push(Refusal::new(path, format!("must be above 0, but is `{value}`")));
     }
 }
 
 /// Refuses a value outside `low..=high`, nan and inf among them.
-pub fn within(refusals: &mut Vec<Refusal>, path: &'static str, value: f64, low: f64, high: f64) {
+pub fn within(refusals: &mut Vec<Refusal>, path: impl Into<Cow<'static, str>>, value: f64, low: f64, high: f64) {
     if !(value.is_finite() && (low..=high).contains(&value)) {
-        refusals.push(Refusal { path, why: format!("must lie in {low}..{high}, but is `{value}`") });
+        refusals.push(Refusal::new(path, format!("must lie in {low}..{high}, but is `{value}`")));
     }
 }
 
@@ -72,9 +92,9 @@ pub fn within(refusals: &mut Vec<Refusal>, path: &'static str, value: f64, low: 
 pub fn count(refusals: &mut Vec<Refusal>, path: &'static str, value: u64, range: RangeInclusive<u64>) {
     let (fewest, most) = range.into_inner();
     if value < fewest {
-        refusals.push(Refusal { path, why: format!("must be at least {fewest}") });
+        refusals.push(Refusal::new(path, format!("must be at least {fewest}")));
     } else if value > most {
-        refusals.push(Refusal { path, why: format!("must be at most {most}, but is `{value}`") });
+        refusals.push(Refusal::new(path, format!("must be at most {most}, but is `{value}`")));
     }
 }
 
@@ -82,6 +102,8 @@ pub fn count(refusals: &mut Vec<Refusal>, path: &'static str, value: u64, range:
 pub const MOST_STEPS: u64 = 1_000_000_000;
 /// The most passes over the data that a parameter may ask for.
 pub const MOST_PASSES: u64 = 1_000_000;
+/// The most symmetric copies of the transitions that a parameter may ask for.
+pub const MOST_COPIES: u64 = 100;
 
 /// What the defaults of a kind may depend on.
 #[derive(Debug)]

@@ -7,8 +7,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    MOST_STEPS, Memory, Preset, PresetOf, Refusal, Stage, StageCx, StepScale, above_zero, count,
-    divergence::TrainingStep, fits, inputs, within,
+    MOST_COPIES, MOST_STEPS, Memory, Preset, PresetOf, Refusal, Stage, StageCx, StepScale, Symmetries, above_zero,
+    count, divergence::TrainingStep, fits, inputs, within,
 };
 use crate::{
     artifact::{TrainedModel, Transitions},
@@ -57,6 +57,10 @@ pub(super) struct Params {
     whiten: bool,
     /// Tuples that the latent replay buffer holds.
     buffer: u64,
+    /// Symmetries of the task, each with the share of the transitions that it changes. Goal images stay as they are.
+    symmetries: Symmetries,
+    /// Copies of the transitions with changes at random, where latent rollouts begin. Without `symmetries` there are none.
+    symmetric_copies: u64,
 }
 
 impl Default for Params {
@@ -78,6 +82,8 @@ impl Default for Params {
             critic_actions: CriticActions::Uniform,
             whiten: true,
             buffer: 1_000_000,
+            symmetries: Symmetries::default(),
+            symmetric_copies: 4,
         }
     }
 }
@@ -110,6 +116,7 @@ impl super::Params for Params {
         count(&mut refusals, "steps", self.steps, 1..=MOST_STEPS);
         count(&mut refusals, "rollout", self.rollout, 0..=1000);
         count(&mut refusals, "buffer", self.buffer, 1..=MOST_STEPS);
+        count(&mut refusals, "symmetric_copies", self.symmetric_copies, 1..=MOST_COPIES);
         for (path, share) in [
             ("discount", self.discount),
             ("tau", self.tau),
@@ -130,6 +137,10 @@ impl super::Params for Params {
             above_zero(&mut refusals, "temperature.tuned.learning_rate", learning_rate);
         }
         refusals
+    }
+
+    fn symmetries(&self) -> Option<&Symmetries> {
+        Some(&self.symmetries)
     }
 
     fn memory(&self, sizes: &Sizes) -> Option<Memory> {
@@ -165,9 +176,15 @@ impl Stage for TrainSac {
         let model = &inputs.model.model;
         fits::model("model", model, &transitions)?;
         inputs.start.iter().try_for_each(|agent| fits::agent("start", agent, model))?;
+        let (mut observations, mut actions) = (model.pictures(&[]), Vec::new());
+        let copies = cx.symmetric_copies(&transitions, &params.symmetries, params.symmetric_copies);
+        copies.for_each(|pictures, action| {
+            observations.extend(&pictures[..transitions.pixels()]);
+            actions.extend_from_slice(action);
+        });
         let codes = Codes {
-            data: fits::finite_codes("model", model.encode(&model.pictures(&transitions.observations)))?,
-            actions: transitions.actions.clone(),
+            data: fits::finite_codes("model", model.encode(&observations))?,
+            actions,
             goals: fits::finite_codes("model", model.encode_means(&model.pictures(&transitions.goals)))?,
         };
         let mut learner = cx.resume_or(|| {

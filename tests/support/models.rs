@@ -37,7 +37,8 @@ pub fn model_and_data(samples: usize) -> (LceModel, Data) {
     let background = background(&transitions.frames(), transitions.pixels());
     let planar = serde_json::from_value(serde_json::json!({ "env": "planar" })).expect("a task");
     let model = LceModel::new(network_sizes(&planar), background, &mut Rng::seed_from_u64(2));
-    let data = transitions.data(&model);
+    let images = model.pictures(&transitions.frames());
+    let data = Data { images, actions: transitions.actions, action_dim: transitions.action_dim, copies: 1 };
     (model, data)
 }
 
@@ -61,7 +62,7 @@ pub fn convolutional_model_and_data(samples: usize) -> (LceModel, Data) {
     let actions = (0..2 * samples).map(|_| sampling::uniform(&mut rng, -1.0, 1.0)).collect();
     let background = background(&frames, sizes.pixels);
     let model = LceModel::new(sizes, background, &mut rng);
-    let data = Data { images: model.pictures(&frames), actions, action_dim: 2 };
+    let data = Data { images: model.pictures(&frames), actions, action_dim: 2, copies: 1 };
     (model, data)
 }
 

@@ -52,7 +52,7 @@ fn every_instruction_set_trains_to_the_same_bits() {
             (0..2 * count * sizes.pixels).map(|_| u8::from(sampling::index(&mut rng, 6) == 0)).collect();
         let actions: Vec<f32> = (0..2 * count).map(|_| sampling::uniform(&mut rng, -1.0, 1.0)).collect();
         let model = LceModel::<f32>::new(sizes.clone(), background(&frames, sizes.pixels), &mut rng);
-        let data = Data { images: model.pictures(&frames), actions, action_dim: 2 };
+        let data = Data { images: model.pictures(&frames), actions, action_dim: 2, copies: 1 };
         let which: Vec<u32> = (0..count as u32).collect();
         let weights = WEIGHTS;
         let objective =
@@ -70,6 +70,30 @@ fn every_instruction_set_trains_to_the_same_bits() {
             (bits(&trainer.model.arena), bits(&trainer.model.encode(&data.images)))
         });
     }
+}
+
+#[test]
+fn a_batch_takes_one_copy_of_each_transition_at_random() {
+    let (transitions, copies) = (3, 4);
+    let mut images = BinaryImages::new(&[0; 4]);
+    images.extend(&[1; 2 * 3 * 4 * 4]);
+    let actions = (0..transitions * copies).map(|at| at as f32).collect();
+    let data = Data { images, actions, action_dim: 1, copies };
+    assert_eq!(data.len(), transitions);
+    let (mut batch, mut rng, mut seen) = (Gathered::default(), Rng::seed_from_u64(3), [[0; 4]; 3]);
+    for _ in 0..100 {
+        batch.gather(&data, &[2, 0], 1, 0.0, &mut rng);
+        for (place, transition) in [2, 0].into_iter().enumerate() {
+            let at = batch.actions[place] as u32;
+            assert_eq!(at % 3, transition);
+            assert_eq!((&batch.pairs[2 * place..][..2], batch.x[place]), (&[2 * at, 2 * at + 1][..], 2 * at));
+            seen[transition as usize][at as usize / 3] += 1;
+        }
+    }
+    assert!([seen[0], seen[2]].as_flattened().iter().all(|&count| count > 10), "{seen:?}");
+    let single = Data { copies: 1, ..data };
+    batch.gather(&single, &[2, 0], 1, 0.0, &mut rng);
+    assert_eq!(batch.actions, [2.0, 0.0]);
 }
 
 /// A back end whose gradient is 1 for every parameter.
@@ -109,7 +133,7 @@ fn a_trainer_steps_along_its_back_ends_gradient_and_returns_its_terms() {
     let mut rng = Rng::seed_from_u64(1);
     let sizes = Sizes { pixels: 4, encoder: [3, 3], decoder: [3, 3], ..Sizes::planar() };
     let model = LceModel::<f64>::new(sizes, vec![0; 4], &mut rng);
-    let data = Data { images: model.pictures(&[1; 3 * 2 * 4]), actions: vec![0.5; 6], action_dim: 2 };
+    let data = Data { images: model.pictures(&[1; 3 * 2 * 4]), actions: vec![0.5; 6], action_dim: 2, copies: 1 };
     let (count, settings) = (model.arena.len(), AdamSettings { learning_rate: 0.25, weight_decay: 0.0 });
     let before = model.arena.clone();
     let mut trainer = Trainer::with_backend(model, Adam::new(count), settings, Box::new(Ones(vec![1.0; count])));

@@ -195,10 +195,10 @@ impl<'a> ParameterResolver<'a> {
         table: &Table,
         preset: Preset,
     ) {
-        for Refusal { path, why } in (kind.check)(params, task).unwrap_or_default() {
+        for Refusal { path, why, help } in (kind.check)(params, task).unwrap_or_default() {
             let message = format!("`{path}` {why}");
             self.mistakes.push(match table.find(path.split('.')) {
-                Some(value) => Diagnostic::at(value.span.clone(), message),
+                Some(value) => Diagnostic { help, ..Diagnostic::at(value.span.clone(), message) },
                 None => {
                     let preset = if preset == Preset::Recipe { "recipe" } else { "paper" };
                     let label = format!("the value is from the preset `{preset}`");

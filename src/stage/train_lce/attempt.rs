@@ -57,7 +57,9 @@ impl Setup<'_> {
     /// Trains the model of the current attempt to the end of its schedule.
     pub(super) fn train(&self, state: &mut Training, cx: &mut StageCx<'_>) -> anyhow::Result<TrainedModel> {
         let schedule = Schedule::of(self, state.attempt);
-        let data = self.transitions.data(&state.trainer.model);
+        let Params { symmetries, symmetric_copies, .. } = self.params;
+        let copies = cx.symmetric_copies(self.transitions, symmetries, *symmetric_copies);
+        let data = copies.data(&state.trainer.model);
         let probe = cx.map_probe();
         let earlier_epochs = state.all_epochs - state.epoch;
         while state.epoch < schedule.epochs {
@@ -65,7 +67,7 @@ impl Setup<'_> {
             if state.epoch.is_multiple_of(self.params.map_every) || state.epoch + 1 == schedule.epochs {
                 let at = At::new(cx.round, state.all_epochs as u32, state.all_steps - 1);
                 probe.record(&state.trainer.model, cx.record, at);
-                curves::images(cx, at, self.transitions, &data, &state.trainer.model);
+                curves::images(cx, at, self.transitions, &state.trainer.model);
             }
             state.epoch += 1;
             state.all_epochs += 1;

@@ -4,7 +4,7 @@ use super::params::{Lambda, LossName, Networks, Params, Refit, Slopes, UNBOUNDED
 use crate::{
     control::guidance::Guidance,
     lce::warm_up::WarmUp,
-    stage::{MOST_PASSES, MOST_STEPS, Refusal, above_zero, count, within},
+    stage::{MOST_COPIES, MOST_PASSES, MOST_STEPS, Refusal, above_zero, count, within},
 };
 
 /// The parameters that are out of range.
@@ -16,6 +16,10 @@ pub(super) fn out_of_range(params: &Params) -> Vec<Refusal> {
         within(&mut refusals, "networks.pooled_patches.dropout", patches.dropout, 0.0, 0.9);
     }
     lambda(&params.lambda, &mut refusals);
+    if params.lambda.regularizer > 0.0 && params.symmetries.change_something() {
+        let why = "must be 0 with `symmetries`, since L_reg knows the old policy's actions in unchanged pictures alone";
+        refusals.push(Refusal::new("lambda.regularizer", why));
+    }
     within(&mut refusals, "weight_decay", params.weight_decay, 0.0, 1e6);
     above_zero(&mut refusals, "learning_rate", params.learning_rate);
     above_zero(&mut refusals, "curvature_sigma", params.curvature_sigma);
@@ -37,6 +41,7 @@ fn counts(params: &Params) -> Vec<Refusal> {
     ] {
         count(&mut refusals, path, passes, fewest..=MOST_PASSES);
     }
+    count(&mut refusals, "symmetric_copies", params.symmetric_copies, 1..=MOST_COPIES);
     count(&mut refusals, "restarts", params.restarts, 0..=1000);
     if let Slopes::Exact(Refit { refit_steps }) = params.slopes {
         count(&mut refusals, "slopes.exact.refit_steps", refit_steps, 0..=MOST_STEPS);

@@ -5,7 +5,6 @@ use crate::{
     lce::{
         LceModel,
         objective::{Terms, Weights},
-        trainer::Data,
         warm_up::WarmUpTerms,
     },
     record::{At, topic},
@@ -50,12 +49,12 @@ pub(super) fn loss(cx: &mut StageCx<'_>, at: At, terms: &Terms, weights: &Weight
 }
 
 /// One observation, its reconstruction and the prediction of the next.
-pub(super) fn images(cx: &mut StageCx<'_>, at: At, transitions: &Transitions, data: &Data, model: &LceModel) {
-    let which = (at.epoch as usize * 37) % data.len();
+pub(super) fn images(cx: &mut StageCx<'_>, at: At, transitions: &Transitions, model: &LceModel) {
+    let which = (at.epoch as usize * 37) % transitions.len();
     let (height, width) = transitions.picture;
     let x = &transitions.observations[which * transitions.pixels()..][..transitions.pixels()];
     let z = model.encode_means(&model.pictures(x));
-    let u = &data.actions[which * data.action_dim..][..data.action_dim];
+    let u = &transitions.actions[which * transitions.action_dim..][..transitions.action_dim];
     let next = model.predict_mean(&z, u);
     let grey = |probabilities: Vec<f32>| probabilities.iter().map(|p| (p * 255.0) as u8).collect::<Vec<u8>>();
     let (height, width) = (height as u32, width as u32);

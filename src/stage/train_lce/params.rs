@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     control::guidance::Guidance,
     lce::{PassiveDynamics, warm_up::WarmUp},
+    stage::Symmetries,
 };
 
 /// The loss that a model is trained with.
@@ -124,7 +125,7 @@ pub(in crate::stage) struct Lambda {
     pub(super) consistency: f64,
     /// L_cur, curvature.
     pub(super) curvature: f64,
-    /// L_reg; needs the inputs `warm_start` and `policy`.
+    /// L_reg; needs the inputs `warm_start` and `policy`, and no `symmetries`.
     pub(super) regularizer: f64,
     /// Reconstruction from the mean of the encoder.
     pub(super) deterministic: f64,
@@ -145,6 +146,12 @@ pub(in crate::stage) struct Params {
     pub(super) warm_up: WarmUpSchedule,
     /// The ramp after the warm-up.
     pub(super) ramp: Ramp,
+    /// Symmetries of the task, each with the share of the transitions that it changes. They are applied to what the
+    /// networks learn from; map checks and value-guided weights are those of the unchanged transitions.
+    pub(super) symmetries: Symmetries,
+    /// Copies of the transitions with changes at random. A training step draws one of them for every transition. Without
+    /// `symmetries` there are none.
+    pub(super) symmetric_copies: u64,
     /// The passive dynamics of the codes that the anchor assumes.
     pub(super) passive_dynamics: PassiveDynamics,
     /// Weights of the terms of the loss.
@@ -190,6 +197,8 @@ impl Default for Params {
             epochs: 15,
             warm_up: WarmUpSchedule::default(),
             ramp: Ramp::default(),
+            symmetries: Symmetries::default(),
+            symmetric_copies: 4,
             passive_dynamics: PassiveDynamics::None,
             lambda: Lambda::default(),
             curvature_sigma: 0.1,

@@ -9,6 +9,7 @@ use crate::{
     stage::{
         self, Preset, PresetOf, Refusal, Stage as _, StepScale,
         StepScale::{Grows, Shrinks},
+        Symmetries,
     },
 };
 
@@ -58,6 +59,10 @@ impl stage::Params for Params {
 
     fn check(&self) -> Vec<Refusal> {
         checks::out_of_range(self)
+    }
+
+    fn symmetries(&self) -> Option<&Symmetries> {
+        Some(&self.symmetries)
     }
 
     fn needs(&self) -> &'static [&'static str] {

@@ -5,7 +5,10 @@
 use std::{fmt::Write as _, fs, path::Path};
 
 use crate::support::pipeline::{ONLINE, kinds, overrides};
-use carl_pipe::pipeline::{Overrides, Source, load};
+use carl_pipe::{
+    pipeline::{Overrides, Source, load},
+    stage,
+};
 
 fn rendered(bytes: &[u8], overrides: &Overrides) -> String {
     match load(&Source::new("p.toml", bytes), overrides, kinds()) {
@@ -145,6 +148,38 @@ fn parameters() {
                 "several",
                 changed("epochs = 15", "epoch = 15\nlearning_rate = \"fast\"\nlambda = { x = 1, consistency = 0 }"),
             ),
+        ],
+    );
+}
+
+/// Of the real kinds, since the names come from the task.
+#[test]
+fn symmetries() {
+    let of = |env: &str, train_lce: &str, train_sac: &str| {
+        let text = format!(
+            "schema = 1\nname = \"a\"\n[task]\nenv = \"{env}\"\n\n[stages.data]\nkind = \"generate_data\"\n\n\
+             [stages.map]\nkind = \"train_lce\"\n{train_lce}\ninputs = {{ transitions = \"data\" }}\n\n\
+             [stages.control]\nkind = \"train_sac\"\n{train_sac}\n\
+             inputs = {{ transitions = \"data\", model = \"map\" }}\n"
+        );
+        match load(&Source::new("p.toml", text), &Overrides::default(), stage::registry()) {
+            Ok(_) => "no mistake\n".to_owned(),
+            Err(mistakes) => mistakes.render(false),
+        }
+    };
+    let both = "symmetries = { mirror = 0.5, shift = 0.3 }";
+    expect(
+        "symmetries",
+        &[
+            ("right", of("cart_pole", both, both)),
+            ("unknown", of("cart_pole", "symmetries = { miror = 0.5 }", "symmetries.rotation = 1")),
+            ("of another task", of("swing_up", both, both)),
+            ("of a task without any", of("planar", "symmetries.mirror = 0.5", "")),
+            ("no share", of("cart_pole", "symmetries = { mirror = 1.5, shift = -0.1 }", "symmetries.shift = 2")),
+            ("wrong type", of("cart_pole", "symmetries.mirror = true", "symmetries = [\"mirror\"]")),
+            ("copies", of("cart_pole", "symmetric_copies = 0", "symmetric_copies = 101")),
+            ("with L_reg", of("cart_pole", "symmetries.mirror = 0.5\nlambda.regularizer = 0.1", "")),
+            ("without effect on L_reg", of("cart_pole", "symmetries.mirror = 0\nlambda.regularizer = 0.1", "")),
         ],
     );
 }

@@ -16,3 +16,4 @@ mod pinned_digests;
 mod resume;
 mod stages_on_poles;
 mod states_stay_hidden;
+mod symmetries;

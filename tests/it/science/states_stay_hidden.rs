@@ -259,7 +259,7 @@ fn what_training_reads_has_no_room_for_a_state() {
         goals: _,
         goal_index: _,
     } = transitions;
-    let _data = |Data { images: _, actions: _, action_dim: _ }: Data| ();
+    let _data = |Data { images: _, actions: _, action_dim: _, copies: _ }: Data| ();
     let _codes = |Codes { data: _, actions: _, goals: _ }: Codes| ();
 }
 

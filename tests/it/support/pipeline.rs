@@ -142,7 +142,7 @@ impl Params for Training {
         above_zero(&mut refusals, "learning_rate", self.learning_rate);
         above_zero(&mut refusals, "lambda.consistency", self.lambda.consistency);
         if self.epochs == 666 {
-            refusals.push(Refusal { path: "lambda.curvature", why: "does not go with 666 epochs".to_owned() });
+            refusals.push(Refusal::new("lambda.curvature", "does not go with 666 epochs"));
         }
         refusals
     }
