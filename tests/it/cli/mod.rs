@@ -4,6 +4,7 @@ mod chaos;
 mod doctor;
 mod environment;
 mod folders;
+mod full_disk;
 mod plot;
 mod runs;
 mod suite;

@@ -2,7 +2,10 @@
 
 use std::fs;
 
-use crate::support::run::{Bench, Ear, chain, count, damage, graph, record, run, state};
+use crate::support::{
+    run::{Bench, Ear, chain, count, damage, graph, record, run, state},
+    small_disk::SmallDisk,
+};
 use carl_pipe::{
     run::{
         events::NodeState::{Cached, Failed, Ran},
@@ -224,15 +227,11 @@ fn a_target_takes_what_it_needs_and_no_more() {
 #[test]
 fn a_full_disk_is_told_and_publishes_nothing() {
     let bench = Bench::new();
-    let small = bench.path("small");
-    fs::create_dir(&small).unwrap();
-    let mount = |args: &[&str]| std::process::Command::new(args[0]).args(&args[1..]).arg(&small).output();
-    let mounted = mount(&["mount", "-t", "tmpfs", "-o", "size=512k", "tmpfs"]);
-    if !mounted.is_ok_and(|it| it.status.success()) {
+    let Some(disk) = SmallDisk::mount(&bench.path("small"), 512) else {
         eprintln!("skipped: may not mount a small file system");
         return;
-    }
-    let store = LocalStore::open(&small.join("artifacts")).unwrap();
+    };
+    let store = LocalStore::open(&disk.path.join("artifacts")).unwrap();
     let big = |bytes: u64| graph(&[("big", json!({"ballast": bytes}), &[]), ("next", json!({}), &["big"])]);
     let report = run(&store, &big(2_000_000), &Options::default(), &Ear::default()).unwrap();
     assert_eq!(state(&report, "big"), Failed);
@@ -242,6 +241,4 @@ fn a_full_disk_is_told_and_publishes_nothing() {
     assert!(text.contains("cannot write") && text.contains("2000000 bytes"), "{text}");
     let report = run(&store, &big(1_000), &Options::default(), &Ear::default()).unwrap();
     assert_eq!(report.count(Ran), 2);
-    drop(store);
-    mount(&["umount"]).unwrap();
 }

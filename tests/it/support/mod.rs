@@ -6,4 +6,5 @@ pub mod models;
 pub mod pipeline;
 pub mod recording;
 pub mod run;
+pub mod small_disk;
 pub mod stages;
