@@ -6,6 +6,7 @@ pub mod control;
 pub mod diag;
 pub mod digest;
 pub mod env;
+pub mod failpoint;
 pub mod lce;
 pub mod nn;
 pub mod node_name;

@@ -9,10 +9,11 @@ use std::{
 /// A layer, what it may use, and why where that is not plain.
 const TABLE: &[(&str, &[(&str, &str)])] = &[
     ("digest", &[]),
-    ("store", &[("digest", "keys and contents")]),
+    ("failpoint", &[]),
+    ("store", &[("digest", "keys and contents"), ("failpoint", "faults that tests want")]),
     ("node_name", &[]),
     ("diag", &[]),
-    ("record", &[]),
+    ("record", &[("failpoint", "faults that tests want")]),
     ("num", &[]),
     ("nn", &[("num", "random weights, portable math, vectors, threads")]),
     ("env", &[("num", "random starts, goals and noise; portable math")]),
@@ -69,6 +70,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("digest", "keys and contents"),
             ("node_name", "names of nodes"),
             ("record", "a node's recording"),
+            ("failpoint", "faults that tests want"),
             ("num", "a node's stream, its platform and its share of the cores"),
             ("env", "a manifest holds the task"),
         ],

@@ -8,12 +8,12 @@ use super::{
     Global,
     exit::{Error, Exit},
     out::{self, duration},
+    run::exit_of,
     stop::Stop,
     working::WorkingArgs,
 };
 use crate::{
     run::{
-        events::RunState,
         manifest::Manifest,
         replay::{Difference, Replayed, replay as replay_run},
     },
@@ -50,11 +50,10 @@ pub(crate) fn replay(global: &Global, args: &Args, kinds: &'static [Kind]) -> Re
     } else {
         print(&manifest, &replayed);
     }
-    Ok(match replayed.report.state {
+    Ok(match exit_of(&replayed.report) {
         _ if !replayed.differences.is_empty() => Exit::ReplayDiffers,
-        RunState::Finished => Exit::Ok,
-        RunState::Failed => Exit::StageFailed,
-        RunState::Interrupted | RunState::Running => Exit::Interrupted,
+        Exit::Ok if !replayed.unrecorded.is_empty() => Exit::Store,
+        exit => exit,
     })
 }
 
@@ -69,7 +68,7 @@ fn scratch_folder(store: &dyn ResultStore, run: &str) -> Result<PathBuf, Error> 
 fn json_of(manifest: &Manifest, replayed: &Replayed) -> Value {
     json!({
         "version": 1, "run": manifest.run, "state": replayed.report.state, "equal": replayed.equal,
-        "differences": replayed.differences, "wall_secs": replayed.report.wall_secs,
+        "differences": replayed.differences, "unrecorded": replayed.unrecorded, "wall_secs": replayed.report.wall_secs,
     })
 }
 
@@ -82,6 +81,9 @@ fn print(manifest: &Manifest, replayed: &Replayed) {
         if let Some(failure) = &node.failure {
             out::line(&format!("{} {} failed: {}", out::red("error:"), node.record.about.name, failure.text()));
         }
+    }
+    for node in &replayed.unrecorded {
+        out::line(&format!("{} the recording of {node} failed, so it was not compared", out::red("error:")));
     }
     let text = match &replayed.differences[..] {
         [] => format!("{} nodes of run {} have the same outputs and recordings", replayed.equal, manifest.run),

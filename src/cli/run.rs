@@ -121,7 +121,8 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
     Ok(exit)
 }
 
-fn exit_of(report: &Report) -> Exit {
+/// The exit code of a run that has ended.
+pub(super) fn exit_of(report: &Report) -> Exit {
     match report.state {
         RunState::Finished => Exit::Ok,
         RunState::Interrupted | RunState::Running => Exit::Interrupted,

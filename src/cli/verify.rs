@@ -182,6 +182,7 @@ fn print_repaired(repaired: &Repaired, left: &[Problem]) {
     for (node, why) in &repaired.left {
         out::note(&format!("{} {node} was not made again: {why}", out::red("error:")));
     }
+    out::print(&out::table(&left.iter().map(row).collect::<Vec<_>>()));
     let text = if left.is_empty() { "all whole".to_owned() } else { format!("{} left", count(left)) };
     out::line(&out::bold(&format!("made {} nodes again: {text}", repaired.made.len())));
     help(left, true);

@@ -14,6 +14,7 @@ use super::{
     reader::{Channel, Polled, RawMessage, Reader},
     writer::mcap_writer,
 };
+use crate::failpoint::failpoint;
 
 /// The digests of a recording.
 #[derive(Debug, Clone, Copy)]
@@ -28,7 +29,8 @@ pub(super) struct Digests {
 pub(super) fn rewrite(live: &Path, canonical: &Path) -> anyhow::Result<Digests> {
     let mut reader = Reader::open(live)?;
     let mut messages = blake3::Hasher::new();
-    let mut output = Hashed { file: BufWriter::new(File::create(canonical)?), hasher: blake3::Hasher::new() };
+    let file = failpoint!("start finished recording", File::create(canonical))?;
+    let mut output = Hashed { file: BufWriter::new(file), hasher: blake3::Hasher::new() };
     let mut writer = mcap_writer(&mut output)?;
     let mut channel_ids = BTreeMap::new();
     loop {
@@ -54,7 +56,7 @@ pub(super) fn rewrite(live: &Path, canonical: &Path) -> anyhow::Result<Digests> 
     }
     writer.finish()?;
     drop(writer);
-    output.flush().with_context(|| format!("cannot write {}", canonical.display()))?;
+    failpoint!("finish recording", output.flush()).with_context(|| format!("cannot write {}", canonical.display()))?;
     Ok(Digests { messages: messages.finalize().into(), file: output.hasher.finalize().into() })
 }
 

@@ -13,6 +13,7 @@ use std::{
 use mcap::{Writer, records::MessageHeader, write::NoSeek};
 
 use super::{node_info::NodeInfo, schema::Schema, time::At, writer::mcap_writer};
+use crate::failpoint::failpoint;
 
 /// The longest delay of a follower, and the most that is lost when the process is killed.
 const FLUSH_INTERVAL: Duration = Duration::from_millis(400);
@@ -54,7 +55,7 @@ impl LiveFile {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder)?;
         }
-        let mut writer = mcap_writer(BufWriter::new(File::create(path)?))?;
+        let mut writer = mcap_writer(BufWriter::new(failpoint!("open recording", File::create(path))?))?;
         writer.write_metadata(&node.to_metadata())?;
         writer.flush()?;
         Ok(LiveFile { writer, channels: Vec::new(), payload: Vec::new(), last_flush: Instant::now() })
@@ -98,6 +99,6 @@ impl LiveFile {
 
     /// Ends the present chunk and writes everything to the file.
     pub(super) fn flush(&mut self) -> mcap::McapResult<()> {
-        self.writer.flush()
+        failpoint!("write recording", self.writer.flush())
     }
 }

@@ -20,6 +20,7 @@ use super::{
     node_info::NodeInfo,
     time::At,
 };
+use crate::failpoint::failpoint;
 
 /// Writes the recording of one node.
 #[derive(Default)]
@@ -72,7 +73,7 @@ impl Recorder {
                 let encoder = Encoder::new(file, node.kind.clone());
                 recorder.open = Some(Box::new(Open { path: path.to_owned(), encoder }));
             }
-            Err(error) => recorder.fail(path, &error),
+            Err(error) => recorder.fail(path, &error.into()),
         }
         recorder.spent = started.elapsed();
         recorder
@@ -132,7 +133,7 @@ impl Recorder {
         let digests = self.open.take().and_then(|open| match open.finish(canonical) {
             Ok(digests) => Some(digests),
             Err(error) => {
-                self.fail(canonical, &*error);
+                self.fail(canonical, &error);
                 None
             }
         });
@@ -153,13 +154,15 @@ impl Recorder {
         if let Err(error) = outcome
             && let Some(open) = self.open.take()
         {
-            self.fail(&open.path, &*error);
+            self.fail(&open.path, &error);
         }
         self.spent += started.elapsed();
     }
 
-    fn fail(&mut self, path: &Path, error: &(dyn std::error::Error + 'static)) {
-        let warning = format!("cannot record to {}: {error}; the run goes on without this recording", path.display());
+    /// Turns an error into the warning. What the libraries say about it adds nothing to its first cause.
+    fn fail(&mut self, path: &Path, error: &anyhow::Error) {
+        let (path, cause) = (path.display(), error.root_cause());
+        let warning = format!("cannot record to {path}: {cause}; the run goes on without this recording");
         self.warning.get_or_insert(warning);
     }
 }
@@ -170,7 +173,7 @@ impl Open {
         drop(self.encoder);
         let digests = canonical::rewrite(&self.path, canonical)?;
         // If the live file cannot be removed, it stays. Nothing reads it again.
-        let _ = std::fs::remove_file(&self.path);
+        let _ = failpoint!("remove live recording", std::fs::remove_file(&self.path));
         Ok(digests)
     }
 }

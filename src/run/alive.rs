@@ -7,12 +7,14 @@ use std::{
 
 use anyhow::Context as _;
 
+use crate::failpoint::failpoint;
+
 /// Marks a run as alive for as long as the file that is returned stays open.
 pub(super) fn mark(run_dir: &Path) -> anyhow::Result<File> {
     let path = run_dir.join("alive");
-    let file = OpenOptions::new().write(true).create(true).truncate(false).open(&path);
+    let file = failpoint!("mark alive", OpenOptions::new().write(true).create(true).truncate(false).open(&path));
     let file = file.with_context(|| format!("cannot open {}", path.display()))?;
-    file.lock().with_context(|| format!("cannot lock {}", path.display()))?;
+    failpoint!("mark alive", file.lock()).with_context(|| format!("cannot lock {}", path.display()))?;
     Ok(file)
 }
 

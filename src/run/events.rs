@@ -14,7 +14,7 @@ use std::{
 use anyhow::Context as _;
 use serde::{Deserialize, Serialize};
 
-use crate::digest::Digest;
+use crate::{digest::Digest, failpoint::failpoint};
 
 /// One line of `events.jsonl`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -195,7 +195,8 @@ impl Lines {
         if may_wait && self.unwritten.len() < 1 << 16 {
             return Ok(());
         }
-        let written = self.file.as_mut().map_or(Ok(()), |file| file.write_all(&self.unwritten));
+        let written =
+            self.file.as_mut().map_or(Ok(()), |file| failpoint!("write events", file.write_all(&self.unwritten)));
         self.unwritten.clear();
         if written.is_err() {
             self.file = None;
@@ -217,7 +218,7 @@ impl<'a> Events<'a> {
     /// The file exists already, or cannot be made.
     pub fn create(run_dir: &Path, listener: &'a dyn Listener) -> anyhow::Result<Self> {
         let path = run_dir.join("events.jsonl");
-        let file = OpenOptions::new().append(true).create_new(true).open(&path);
+        let file = failpoint!("open events", OpenOptions::new().append(true).create_new(true).open(&path));
         let file = file.with_context(|| format!("cannot write {}", path.display()))?;
         Ok(Self {
             start: Instant::now(),

@@ -26,6 +26,8 @@ pub struct Replayed {
     pub equal: usize,
     /// What differs, in the order of the graph.
     pub differences: Vec<Difference>,
+    /// The nodes whose recording failed in the replay, so that it could not be compared.
+    pub unrecorded: Vec<String>,
 }
 
 /// Something of a node that differs in the replay.
@@ -60,17 +62,21 @@ pub fn replay(
     let order = Order { graph: &graph, wanted, text: &manifest.text, argv: manifest.argv.clone(), note: None };
     let new_store = LocalStore::open(scratch)?;
     let report = execute::run(&new_store, &runs::folder(scratch), &order, options, listener)?;
-    let (mut equal, mut differences) = (0, Vec::new());
+    let (mut equal, mut differences, mut unrecorded) = (0, Vec::new(), Vec::new());
     for new in report.nodes.iter().map(|node| &node.record) {
         let Some(old) = manifest.node(&new.about.name) else { continue };
         if !matches!(new.outcome.state, NodeState::Ran | NodeState::Cached) {
             continue;
         }
         let found = compare([old, new], [store, &new_store])?;
-        equal += usize::from(found.is_empty());
+        let is_recorded = old.outcome.recording.is_none() || new.outcome.recording.is_some();
+        if !is_recorded {
+            unrecorded.push(new.about.name.clone());
+        }
+        equal += usize::from(found.is_empty() && is_recorded);
         differences.extend(found);
     }
-    Ok(Replayed { report, equal, differences })
+    Ok(Replayed { report, equal, differences, unrecorded })
 }
 
 /// What differs between a node of the run and the same node of the replay.
@@ -96,8 +102,10 @@ fn compare([old, new]: [&NodeRecord; 2], stores: [&dyn ResultStore; 2]) -> anyho
             found.push(difference("output", recorded, now.output));
         }
     }
-    if let Some(recorded) = before.recording.filter(|_| before.recording != now.recording) {
-        found.push(difference("recording", recorded, now.recording));
+    if let (Some(recorded), Some(replayed)) = (before.recording, now.recording)
+        && recorded != replayed
+    {
+        found.push(difference("recording", recorded, Some(replayed)));
     }
     Ok(found)
 }

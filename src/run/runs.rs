@@ -19,6 +19,7 @@ use std::{
 use anyhow::Context as _;
 
 use super::{alive, strays::FRESH_LINK, utc};
+use crate::failpoint::failpoint;
 
 pub use find::{FindError, find};
 pub(super) use list::is_id;
@@ -51,7 +52,7 @@ impl RunDir {
             let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
             let id = run_id(now.as_millis() as u64, (salt ^ now.subsec_nanos()) & 0xffff);
             let path = runs.join(&id);
-            match fs::create_dir(&path) {
+            match failpoint!("make run folder", fs::create_dir(&path)) {
                 Ok(()) => {
                     let alive = alive::mark(&path)?;
                     let live = path.join("live");
@@ -79,7 +80,7 @@ impl RunDir {
     pub(crate) fn link(&self, name: &str, file: &Path) -> anyhow::Result<()> {
         let path = self.path.join(name);
         let target = self.seen_from(file);
-        match symlink(&target, &path) {
+        match failpoint!("link result", symlink(&target, &path)) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
                 fs::remove_file(&path).and_then(|()| symlink(&target, &path))
             }
@@ -92,8 +93,8 @@ impl RunDir {
 /// Lets `latest` point to a run. There is no moment without `latest`.
 pub(super) fn point_latest(runs: &Path, id: &str) -> anyhow::Result<()> {
     let fresh = runs.join(format!("{FRESH_LINK}{id}"));
-    symlink(id, &fresh)
-        .and_then(|()| fs::rename(&fresh, runs.join("latest")))
+    failpoint!("mark latest", symlink(id, &fresh))
+        .and_then(|()| failpoint!("rename latest", fs::rename(&fresh, runs.join("latest"))))
         .with_context(|| format!("cannot point {} to {id}", runs.join("latest").display()))
 }
 

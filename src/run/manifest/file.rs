@@ -10,6 +10,7 @@ use serde_json::Value;
 
 use super::Manifest;
 use crate::{
+    failpoint::failpoint,
     pipeline::Member,
     store::{
         self,
@@ -74,7 +75,7 @@ impl Manifest {
     /// See [`Unreadable`].
     pub fn read(run_dir: &Path) -> Result<Self, Unreadable> {
         let path = run_dir.join("manifest.json");
-        let text = match fs::read(&path) {
+        let text = match failpoint!("read manifest", fs::read(&path)) {
             Ok(text) => text,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Err(Unreadable::Missing(path)),
             Err(source) => return Err(Unreadable::System { path, source }),

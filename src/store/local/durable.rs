@@ -11,6 +11,7 @@ use tempfile::{Builder, NamedTempFile, TempPath};
 
 use crate::{
     digest::Digest,
+    failpoint::failpoint,
     store::{Result, error::OrIo as _},
 };
 
@@ -34,7 +35,8 @@ impl Temporary {
         let bytes = || parts.iter().map(|part| part.as_ref().len()).sum::<usize>();
         let context = || format!("cannot write in {} ({} bytes)", folder.display(), bytes());
         let mut file = fresh_file(folder, "").or_io(context)?;
-        parts.iter().try_for_each(|part| file.write_all(part.as_ref())).or_io(context)?;
+        let written = parts.iter().try_for_each(|part| file.write_all(part.as_ref()));
+        failpoint!("write temporary", written).or_io(context)?;
         Ok(Self(file))
     }
 
@@ -47,7 +49,7 @@ impl Temporary {
             fs::remove_file(path).or_io(context)?;
             return Ok(Self(copy));
         }
-        let file = File::open(path).or_io(context)?;
+        let file = failpoint!("take over", File::open(path)).or_io(context)?;
         let path = TempPath::try_from_path(path).or_io(context)?;
         Ok(Self(NamedTempFile::from_parts(file, path)))
     }
@@ -68,21 +70,26 @@ impl Temporary {
         let file = self.0.as_file();
         // Some network and FAT file systems refuse rights. The bytes are verified by their digest in any case.
         _ = file.set_permissions(fs::Permissions::from_mode(0o444));
-        file.sync_all().or_io(|| format!("cannot write {}", self.0.path().display()))
+        self.sync(self.0.path())
+    }
+
+    /// Makes the bytes safe from a power cut; `name` is what an error calls the file.
+    fn sync(&self, name: &Path) -> Result<()> {
+        failpoint!("sync file", self.0.as_file().sync_all()).or_io(|| format!("cannot write {}", name.display()))
     }
 
     /// Gives the file its name; returns false, and removes the file, where another file has that name.
     pub(super) fn place(self, name: &Path) -> Result<bool> {
-        match self.0.persist_noclobber(name) {
+        match failpoint!("place file", self.0.persist_noclobber(name).map_err(|error| error.error)) {
             Ok(_) => Ok(true),
-            Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
-            Err(error) => Err(error.error).or_io(|| format!("cannot write {}", name.display())),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+            Err(error) => Err(error).or_io(|| format!("cannot write {}", name.display())),
         }
     }
 
     /// Gives the file its name, in place of the file that has it.
     pub(super) fn replace(self, name: &Path) -> Result<()> {
-        let placed = self.0.persist(name).map_err(|error| error.error);
+        let placed = failpoint!("replace file", self.0.persist(name).map_err(|error| error.error));
         placed.map(|_| ()).or_io(|| format!("cannot write {}", name.display()))
     }
 }
@@ -91,14 +98,17 @@ impl Temporary {
 fn fresh_file(folder: &Path, suffix: &str) -> io::Result<NamedTempFile> {
     // The umask narrows these rights, as for any other file of the user.
     let rights = fs::Permissions::from_mode(0o666);
-    Builder::new().prefix(OWN_PREFIX).suffix(suffix).permissions(rights).tempfile_in(folder)
+    failpoint!(
+        "make temporary",
+        Builder::new().prefix(OWN_PREFIX).suffix(suffix).permissions(rights).tempfile_in(folder)
+    )
 }
 
 /// Moves a file to a fresh name in `folder`; the name ends in the file's own.
 pub(super) fn move_aside(path: &Path, folder: &Path) -> io::Result<PathBuf> {
     let name = path.file_name().map_or_else(String::new, |name| format!("-{}", name.to_string_lossy()));
     let place = fresh_file(folder, &name)?.into_temp_path();
-    fs::rename(path, &place)?;
+    failpoint!("move aside", fs::rename(path, &place))?;
     place.keep().map_err(|error| error.error)
 }
 
@@ -110,7 +120,7 @@ pub fn replace_file(path: &Path, bytes: &[u8], durable: bool) -> Result<()> {
     let folder = path.parent().unwrap_or(Path::new("."));
     let temporary = Temporary::write(folder, &[bytes])?;
     if durable {
-        temporary.0.as_file().sync_all().or_io(|| format!("cannot write {}", path.display()))?;
+        temporary.sync(path)?;
     }
     temporary.replace(path)?;
     if durable { sync_folder(folder) } else { Ok(()) }
@@ -121,7 +131,7 @@ pub fn replace_file(path: &Path, bytes: &[u8], durable: bool) -> Result<()> {
 /// # Errors
 /// The system refused an operation.
 pub fn sync_folder(folder: &Path) -> Result<()> {
-    match File::open(folder).and_then(|folder| folder.sync_all()) {
+    match failpoint!("sync folder", File::open(folder).and_then(|folder| folder.sync_all())) {
         Err(error) if !cannot_sync_folders(&error) => Err(error).or_io(|| format!("cannot write {}", folder.display())),
         _ => Ok(()),
     }
@@ -136,7 +146,7 @@ fn cannot_sync_folders(error: &io::Error) -> bool {
 
 /// Makes a folder whose name survives a power cut.
 pub(super) fn make_folder(folder: &Path) -> Result<()> {
-    match fs::create_dir(folder) {
+    match failpoint!("make folder", fs::create_dir(folder)) {
         Ok(()) => sync_folder(folder.parent().unwrap_or(Path::new("."))),
         Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(()),
         Err(error) => Err(error).or_io(|| format!("cannot make {}", folder.display())),

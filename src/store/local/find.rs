@@ -7,6 +7,7 @@ use serde_json::Value;
 use super::{LocalStore, durable::Temporary, objects::ObjectState};
 use crate::{
     digest::Digest,
+    failpoint::failpoint,
     store::{Entry, Lookup, Result, entry::EntryFault, error::OrIo as _},
 };
 
@@ -69,7 +70,7 @@ impl LocalStore {
 
     pub(super) fn read_entry(&self, key: Digest) -> Result<EntryOnDisk> {
         let path = self.entry_path(key);
-        match fs::read(&path) {
+        match failpoint!("read entry", fs::read(&path)) {
             Ok(text) => Ok(match Entry::from_text(&text, key) {
                 Ok(entry) => EntryOnDisk::Whole(Box::new(entry)),
                 Err(why) => EntryOnDisk::Unusable(why),

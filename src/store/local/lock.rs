@@ -7,13 +7,17 @@
 
 use std::{
     fs::{self, File, OpenOptions, TryLockError},
+    io,
     os::unix::fs::MetadataExt as _,
     path::{Path, PathBuf},
     thread::sleep,
     time::{Duration, Instant},
 };
 
-use crate::store::{KeyLock, Result, error::OrIo as _};
+use crate::{
+    failpoint::failpoint,
+    store::{KeyLock, Result, error::OrIo as _},
+};
 
 /// The lock of a whole store: shared by its users, exclusive for cleaning.
 #[derive(Debug)]
@@ -46,7 +50,7 @@ impl StoreLock {
         patience: Duration,
         attempt: fn(&File) -> std::result::Result<(), TryLockError>,
     ) -> Result<Option<Self>> {
-        Self::take_file(open(path)?, path, patience, attempt)
+        Self::take_file(failpoint!("lock store", open(path)).or_io(|| cannot_lock(path))?, path, patience, attempt)
     }
 
     fn take_file(
@@ -80,7 +84,7 @@ impl LockedKey {
     /// The lock, or `None` while another process holds it.
     pub(super) fn try_take(path: &Path) -> Result<Option<Self>> {
         loop {
-            let file = open(path)?;
+            let file = failpoint!("lock key", open(path)).or_io(|| cannot_lock(path))?;
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => return Ok(None),
@@ -97,7 +101,7 @@ impl LockedKey {
 
 impl Drop for LockedKey {
     fn drop(&mut self) {
-        let _ = fs::remove_file(&self.path);
+        let _ = failpoint!("remove key lock", fs::remove_file(&self.path));
     }
 }
 
@@ -105,7 +109,6 @@ fn cannot_lock(path: &Path) -> String {
     format!("cannot lock {}", path.display())
 }
 
-fn open(path: &Path) -> Result<File> {
-    let file = OpenOptions::new().write(true).create(true).truncate(false).open(path);
-    file.or_io(|| format!("cannot open {}", path.display()))
+fn open(path: &Path) -> io::Result<File> {
+    OpenOptions::new().write(true).create(true).truncate(false).open(path)
 }

@@ -9,7 +9,10 @@ use std::{
 use serde_json::{Value, json};
 
 use super::durable::{OWN_PREFIX, make_folder, replace_file};
-use crate::store::{Error, Result, error::OrIo as _};
+use crate::{
+    failpoint::failpoint,
+    store::{Error, Result, error::OrIo as _},
+};
 
 /// The layout of a store. Raise it when an older carl-pipe would misread a store.
 const FORMAT: u64 = 1;
@@ -32,7 +35,7 @@ pub(super) enum Place {
 /// [`Error::NotAStore`] where the folder is neither, [`Error::OtherFormat`], or the system refused an operation.
 pub(super) fn look(root: &Path) -> Result<Place> {
     let marker = root.join("store.json");
-    match fs::read(&marker) {
+    match failpoint!("read marker", fs::read(&marker)) {
         Ok(text) => check(root, &text).map(|()| Place::Store),
         Err(error) if error.kind() == ErrorKind::NotFound => look_inside(root),
         Err(error) if error.kind() == ErrorKind::NotADirectory => Err(not_a_store(root, "it is a file")),

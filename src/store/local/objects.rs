@@ -14,12 +14,13 @@ use super::{
 };
 use crate::{
     digest::Digest,
+    failpoint::failpoint,
     store::{Content, Problem, Result, Stat, error::OrIo as _},
 };
 
 impl Stat {
     fn of(path: &Path) -> io::Result<Self> {
-        let meta = fs::symlink_metadata(path)?;
+        let meta = failpoint!("look at object", fs::symlink_metadata(path))?;
         let ns = |secs: i64, nanos: i64| secs.saturating_mul(1_000_000_000).saturating_add(nanos);
         Ok(Self {
             size: meta.len(),
@@ -59,7 +60,7 @@ impl LocalStore {
     /// Reads an object and verifies its bytes. A damaged object is set aside.
     pub(super) fn read_object(&self, digest: Digest) -> Result<std::result::Result<Vec<u8>, Problem>> {
         let path = self.object(digest);
-        match fs::read(&path) {
+        match failpoint!("read object", fs::read(&path)) {
             Ok(bytes) if Digest::of_bytes(&bytes) == digest => Ok(Ok(bytes)),
             Ok(_) => {
                 self.set_aside(&path);
@@ -73,7 +74,7 @@ impl LocalStore {
     /// Verifies an object without holding it in memory. A damaged object is set aside.
     pub(super) fn verify(&self, digest: Digest) -> Result<Option<Problem>> {
         let path = self.object(digest);
-        match File::open(&path).and_then(Digest::of_reader) {
+        match failpoint!("read object", File::open(&path).and_then(Digest::of_reader)) {
             Ok(found) if found == digest => Ok(None),
             Ok(_) => {
                 self.set_aside(&path);

@@ -10,6 +10,7 @@ use std::{
 use super::{LocalStore, durable::move_aside, find::EntryOnDisk};
 use crate::{
     digest::Digest,
+    failpoint::failpoint,
     store::{Entry, Error, entry::EntryFault},
 };
 
@@ -83,7 +84,7 @@ impl LocalStore {
     /// What is wrong with it.
     pub fn verify_object(&self, object: Digest) -> Result<u64, Fault> {
         let open = || {
-            let file = File::open(self.object(object))?;
+            let file = failpoint!("read object", File::open(self.object(object)))?;
             Ok((file.metadata()?.len(), Digest::of_reader(file)?))
         };
         match open() {

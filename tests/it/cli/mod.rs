@@ -3,6 +3,8 @@
 mod chaos;
 mod doctor;
 mod environment;
+#[cfg(debug_assertions)] // Release builds have no failpoints.
+mod faults;
 mod folders;
 mod full_disk;
 mod plot;
