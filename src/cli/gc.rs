@@ -96,7 +96,8 @@ pub(crate) fn gc(global: &Global, args: &Args) -> Result<Exit, Error> {
     if is_to_remove && !args.yes && !is_agreed(args.json)? {
         return Ok(Exit::Ok);
     }
-    if is_to_remove {
+    if !args.dry_run {
+        // Also where there is nothing to ask about: a killed process may have left files without a name of their own.
         let store = LocalStore::open_alone(&global.artifacts)?;
         let plan = gc::plan(&store, &runs, &policy)?;
         if (&plan.removed, &plan.kept) != (&shown.removed, &shown.kept) {
@@ -142,7 +143,7 @@ fn is_agreed(is_json: bool) -> Result<bool, Error> {
     out::note("remove? [y/N]");
     let mut answer = String::new();
     let _ = stdin().read_line(&mut answer);
-    Ok(matches!(answer.trim(), "y" | "yes"))
+    Ok(matches!(&*answer.trim().to_ascii_lowercase(), "y" | "yes"))
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use anyhow::Context as _;
 
 use super::{Plan, RemovedRun, kept};
 use crate::{
+    failpoint::failpoint,
     run::{runs, strays},
     store::{LocalStore, sync_folder},
 };
@@ -21,7 +22,8 @@ pub fn remove(store: &LocalStore, runs: &Path, plan: &Plan) -> anyhow::Result<()
     for RemovedRun { run, .. } in &plan.removed {
         let path = runs.join(run);
         let gone = runs.join(format!("{GONE}{run}"));
-        fs::rename(&path, &gone).with_context(|| format!("cannot remove {}", path.display()))?;
+        failpoint!("rename run", fs::rename(&path, &gone))
+            .with_context(|| format!("cannot remove {}", path.display()))?;
     }
     if !plan.removed.is_empty() {
         point_latest(runs)?;
@@ -34,7 +36,8 @@ pub fn remove(store: &LocalStore, runs: &Path, plan: &Plan) -> anyhow::Result<()
     sweep(runs)
 }
 
-/// Removes the folders that this or an earlier cleaning has renamed.
+/// Removes the folders that this or an earlier cleaning has renamed, and the empty folders of runs that were killed before
+/// they wrote anything.
 fn sweep(runs: &Path) -> anyhow::Result<()> {
     let items = match fs::read_dir(runs) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
@@ -43,7 +46,10 @@ fn sweep(runs: &Path) -> anyhow::Result<()> {
     for path in items.flatten().map(|item| item.path()) {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         if name.strip_prefix(GONE).is_some_and(runs::is_id) {
-            fs::remove_dir_all(&path).with_context(|| format!("cannot remove {}", path.display()))?;
+            failpoint!("remove run", fs::remove_dir_all(&path))
+                .with_context(|| format!("cannot remove {}", path.display()))?;
+        } else if runs::is_id(&name) {
+            let _ = fs::remove_dir(&path); // Refused where the folder holds anything.
         }
     }
     Ok(())

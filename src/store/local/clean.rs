@@ -9,6 +9,7 @@ use std::{
 use super::{LocalStore, durable::own_items, verify::Inventory};
 use crate::{
     digest::Digest,
+    failpoint::failpoint,
     store::{Entry, Result, error::OrIo as _},
 };
 
@@ -55,7 +56,7 @@ impl LocalStore {
             removed.objects += 1;
             removed.bytes += remove_file(&self.object(object), dry_run)?;
         }
-        let temporary = ["bad", "tmp"].into_iter().flat_map(|folder| own_items(&self.root.join(folder)));
+        let temporary = ["bad", "tmp", ""].into_iter().flat_map(|folder| own_items(&self.root.join(folder)));
         for path in temporary.chain(self.locks()) {
             removed.bytes += fs::symlink_metadata(&path).map_or(0, |meta| meta.len());
             remove_any(&path, dry_run)?;
@@ -98,7 +99,8 @@ impl LocalStore {
 fn remove_file(path: &Path, dry_run: bool) -> Result<u64> {
     let bytes = fs::symlink_metadata(path).map_or(0, |meta| meta.len());
     if !dry_run {
-        fs::remove_file(path).or_io(|| format!("cannot remove {}", path.display()))?;
+        failpoint!("remove entry or object", fs::remove_file(path))
+            .or_io(|| format!("cannot remove {}", path.display()))?;
     }
     Ok(bytes)
 }
@@ -107,6 +109,6 @@ fn remove_any(path: &Path, dry_run: bool) -> Result<()> {
     if dry_run {
         return Ok(());
     }
-    let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
-    removed.or_io(|| format!("cannot remove {}", path.display()))
+    let remove = || if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+    failpoint!("remove stray", remove()).or_io(|| format!("cannot remove {}", path.display()))
 }

@@ -2,7 +2,7 @@
 //! little, texts that hold control characters, folders that are gone.
 
 use std::{
-    ffi::{OsStr, OsString},
+    ffi::OsString,
     fs::{self, File, OpenOptions},
     io::{BufRead as _, BufReader},
     os::unix::ffi::OsStringExt as _,
@@ -10,7 +10,7 @@ use std::{
     process::{Child, Command, Stdio},
 };
 
-use crate::support::cli::{Ended, Toy, stop_signal};
+use crate::support::cli::{Ended, Toy, on_terminal, stop_signal};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::json;
 
@@ -121,20 +121,9 @@ fn a_signal_that_is_ignored_at_the_start_stays_ignored() {
 #[test]
 fn a_terminal_that_can_do_nothing_gets_lines_without_colours() {
     let toy = Toy::new();
-    // `script` gives the program a terminal.
     let on_terminal = |set: &[(&str, &str)], words: &str| {
-        let command = toy.command(words);
-        let quoted = std::iter::once(command.get_program()).chain(command.get_args()).map(OsStr::to_string_lossy);
-        let line = quoted.map(|word| format!("'{word}'")).collect::<Vec<_>>().join(" ");
-        let mut terminal = Command::new("script");
-        terminal.args(["-qec", &line, "/dev/null"]).current_dir(toy.folder.path()).stdin(Stdio::null());
-        for (name, value) in command.get_envs() {
-            if let Some(value) = value {
-                terminal.env(name, value);
-            }
-        }
-        terminal.env_remove("NO_COLOR").env_remove("CLICOLOR").env_remove("CI").envs(set.iter().copied());
-        terminal.output().ok().map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
+        let output = on_terminal(&toy.command(words)).envs(set.iter().copied()).output();
+        output.ok().map(|output| String::from_utf8_lossy(&output.stdout).into_owned())
     };
     let Some(usual) = on_terminal(&[("TERM", "xterm")], "run toy.toml -S learn.steps=50") else {
         eprintln!("skipped: there is no `script`");

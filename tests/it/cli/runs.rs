@@ -1,8 +1,13 @@
 //! What a user does with runs that have ended: list, name, keep, measure and remove them.
 
-use std::{fs, path::Path};
+use std::{
+    fs,
+    io::{Read as _, Write as _},
+    path::Path,
+    process::Stdio,
+};
 
-use crate::support::cli::{Toy, assert_snapshot};
+use crate::support::cli::{Toy, assert_snapshot, on_terminal};
 use serde_json::{Value, json};
 
 /// The ids of the runs, newest first.
@@ -34,6 +39,42 @@ fn gc_removes_nothing_unasked() {
     assert_eq!((&dry["dry_run"], &dry["removed"]["entries"]), (&json!(true), &json!(6)));
     assert_eq!(toy.run("run toy.toml --json").json()["cached"], json!(7), "both left everything as it was");
     assert_eq!(toy.run("gc").code, Some(0), "nothing to remove needs no answer");
+}
+
+/// The screen after these keys answer the question of `gc`, and the exit code; `None` where no terminal can be had.
+fn answered(toy: &Toy, keys: &[u8]) -> Option<(String, Option<i32>)> {
+    let mut terminal = on_terminal(&toy.command("gc --keep 1"));
+    let mut child = terminal.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().ok()?;
+    let (mut keyboard, mut display) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
+    let mut screen = Vec::new();
+    while !screen.ends_with(b"remove? [y/N]\r\n") {
+        let mut byte = [0];
+        display.read_exact(&mut byte).unwrap_or_else(|_| panic!("no question: {}", String::from_utf8_lossy(&screen)));
+        screen.extend(byte);
+    }
+    keyboard.write_all(keys).unwrap();
+    display.read_to_end(&mut screen).unwrap();
+    Some((String::from_utf8_lossy(&screen).into_owned(), child.wait().unwrap().code()))
+}
+
+#[test]
+fn gc_does_on_a_terminal_what_it_is_told() {
+    let (ctrl_c, ctrl_d) = (b"\x03", b"\x04");
+    let toy = two_runs();
+    for (keys, code) in [(&b"n\n"[..], 0), (b"\n", 0), (b"maybe y\n", 0), (ctrl_d, 0), (ctrl_c, 130)] {
+        let Some((screen, ended)) = answered(&toy, keys) else {
+            eprintln!("skipped: there is no `script`");
+            return;
+        };
+        assert_eq!((ended, ids(&toy).len()), (Some(code), 2), "{keys:?}: {screen}");
+        assert_eq!(toy.run("verify").code, Some(0));
+    }
+    for yes in [&b"y\n"[..], b"YES\n"] {
+        let toy = two_runs();
+        let (screen, ended) = answered(&toy, yes).unwrap();
+        assert_eq!((ended, ids(&toy).len()), (Some(0), 1), "{screen}");
+        assert!(screen.contains("removed"), "{screen}");
+    }
 }
 
 #[test]

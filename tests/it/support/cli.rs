@@ -214,6 +214,22 @@ impl Toy {
     }
 }
 
+/// The command with a terminal as its input and output, which the program `script` makes.
+pub fn on_terminal(command: &Command) -> Command {
+    let quoted =
+        std::iter::once(command.get_program()).chain(command.get_args()).map(|word| format!("'{}'", word.display()));
+    let mut terminal = Command::new("script");
+    terminal.args(["-qec", &quoted.collect::<Vec<_>>().join(" "), "/dev/null"]).stdin(Stdio::null());
+    terminal.current_dir(command.get_current_dir().unwrap());
+    for (name, value) in command.get_envs() {
+        if let Some(value) = value {
+            terminal.env(name, value);
+        }
+    }
+    terminal.env_remove("NO_COLOR").env_remove("CLICOLOR").env_remove("CI");
+    terminal
+}
+
 /// A signal that asks a run to stop: INT, or TERM where the tests themselves run with INT ignored, as in the background of
 /// a shell.
 pub fn stop_signal() -> rustix::process::Signal {
