@@ -1,18 +1,12 @@
 //! Hot loops allocate nothing: after one call of each kind, training steps at the paper's sizes ask for no memory.
 //!
-//! Counted on the calling thread, with one thread of work. `CARL_SHOW_ALLOCATIONS=1` prints where the first few come
-//! from.
-#![allow(unsafe_code, reason = "a global allocator is unsafe by contract")]
-
+//! Counted with one thread of work. `CARL_SHOW_ALLOCATIONS=1` prints where the first few come from.
+#[path = "support/allocator.rs"]
+mod allocator;
 #[path = "support/models.rs"]
 mod models;
 
-use std::{
-    alloc::{GlobalAlloc, Layout, System},
-    backtrace::Backtrace,
-    cell::Cell,
-};
-
+use allocator::{Asked, asked};
 use carl_pipe::{
     control::{
         Agent,
@@ -33,82 +27,14 @@ use carl_pipe::{
 use models::{convolutional_model_and_data, every_term, model_and_data, sac_settings};
 use rand::SeedableRng as _;
 
-struct Counting;
-
-/// What one piece of work asked the allocator for.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-struct Asked {
-    times: usize,
-    bytes: usize,
-}
-
-thread_local! {
-    static COUNTS: Cell<bool> = const { Cell::new(false) };
-    static ASKED: Cell<Asked> = const { Cell::new(Asked { times: 0, bytes: 0 }) };
-    static SHOWN: Cell<usize> = const { Cell::new(0) };
-}
-
-fn note(bytes: usize) {
-    if !COUNTS.get() {
-        return;
-    }
-    let Asked { times, bytes: before } = ASKED.get();
-    ASKED.set(Asked { times: times + 1, bytes: before + bytes });
-    if SHOWN.get() > 0 {
-        COUNTS.set(false);
-        SHOWN.set(SHOWN.get() - 1);
-        eprintln!("{bytes} bytes:\n{}", Backtrace::force_capture());
-        COUNTS.set(true);
-    }
-}
-
-// SAFETY: every call goes to the system's allocator as it came; counting touches only plain cells of the thread.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        note(layout.size());
-        // SAFETY: the caller's layout, unchanged.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        note(layout.size());
-        // SAFETY: the caller's layout, unchanged.
-        unsafe { System.alloc_zeroed(layout) }
-    }
-
-    unsafe fn realloc(&self, memory: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        note(size);
-        // SAFETY: the caller's memory and layout, unchanged.
-        unsafe { System.realloc(memory, layout, size) }
-    }
-
-    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
-        // SAFETY: the caller's memory and layout, unchanged.
-        unsafe { System.dealloc(memory, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-/// What `work` asks for on this thread.
-fn asked(work: impl FnOnce()) -> Asked {
-    ASKED.set(Asked::default());
-    SHOWN.set(if std::env::var_os("CARL_SHOW_ALLOCATIONS").is_some() { 3 } else { 0 });
-    COUNTS.set(true);
-    work();
-    COUNTS.set(false);
-    ASKED.get()
-}
-
 /// Two whole batches.
 const SAMPLES: usize = 2 * trainer::BATCH;
-const NOTHING: Asked = Asked { times: 0, bytes: 0 };
+const NOTHING: Asked = Asked { times: 0, bytes: 0, largest: 0 };
 
 #[test]
 fn the_counter_counts() {
     let one = asked(|| drop(std::hint::black_box(Vec::<u8>::with_capacity(77))));
-    assert_eq!(one, Asked { times: 1, bytes: 77 });
+    assert_eq!(one, Asked { times: 1, bytes: 77, largest: 77 });
 }
 
 /// faer packs large factors into one buffer for each thread, which it sets up at the thread's first product of that

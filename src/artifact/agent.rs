@@ -7,7 +7,7 @@ use super::{
     Artifact, Files, json,
     lce_model::{put_layers, take_layers},
     sizes::check_widths,
-    tensors::{TensorFile, Tensors, file},
+    tensors::{TensorFile, Tensors, read_json},
 };
 use crate::{
     control::{
@@ -81,7 +81,7 @@ impl Artifact for Agent {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let about: About = serde_json::from_slice(&file(files, "agent.json")?)?;
+        let about: About = read_json(files, "agent.json")?;
         check_widths([&about.latent, &about.action])?;
         let nets = AgentNets::new(about.latent, about.action);
         let agent = TensorFile::open(files, "agent.safetensors")?;

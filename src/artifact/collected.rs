@@ -3,7 +3,7 @@
 //! Each is a file of its own. [`Transitions`] reads the first file alone. So only the next collection, which asks for
 //! [`Collected`], gets the true states of the second.
 
-use super::{Artifact, Files, Transitions, json, tensors::file};
+use super::{Artifact, Files, Transitions, json, tensors::read_json};
 use crate::control::episodes::UnfinishedEpisode;
 
 /// The output of a collection.
@@ -31,8 +31,7 @@ impl Artifact for Collected {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let unfinished = files.get(FILE).map(|_| file(files, FILE)).transpose()?;
-        let unfinished = unfinished.map(|bytes| serde_json::from_slice(&bytes)).transpose()?;
+        let unfinished = files.get(FILE).map(|_| read_json(files, FILE)).transpose()?;
         Ok(Self { transitions: Transitions::load(files)?, unfinished })
     }
 }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Artifact, Files, json, tensors::file};
+use super::{Artifact, Files, json, tensors::read_json};
 use crate::{
     control::{Controller, episodes::Unstick},
     env::Start,
@@ -66,6 +66,6 @@ impl Artifact for Evaluation {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        Ok(serde_json::from_slice(&file(files, "evaluation.json")?)?)
+        read_json(files, "evaluation.json")
     }
 }

@@ -2,7 +2,7 @@
 
 use anyhow::ensure;
 
-use super::{Artifact, Files, json, tensors::file};
+use super::{Artifact, Files, json, tensors::read_json};
 use crate::control::Ilqr;
 
 impl Artifact for Ilqr {
@@ -13,7 +13,7 @@ impl Artifact for Ilqr {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let settings: Self = serde_json::from_slice(&file(files, "ilqr.json")?)?;
+        let settings: Self = read_json(files, "ilqr.json")?;
         let plans = settings.uniform_plans.saturating_add(settings.bang_bang_plans);
         ensure!(settings.plan_length > 0 && plans > 0, "{plans} plans of {} steps", settings.plan_length);
         Ok(settings)

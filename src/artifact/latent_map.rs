@@ -1,11 +1,11 @@
 //! The latent map of a model as data: the codes of known states, with the colours and axes to draw them by.
 
-use anyhow::{Context as _, ensure};
+use anyhow::ensure;
 use serde::{Deserialize, Serialize};
 
 use super::{
     Artifact, Files, json,
-    tensors::{TensorFile, Tensors, file},
+    tensors::{TensorFile, Tensors, read_json},
 };
 
 /// Codes of states on a grid.
@@ -91,8 +91,7 @@ impl Artifact for LatentMap {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let about = serde_json::from_slice(&file(files, "latent_map.json")?).context("latent_map.json")?;
-        let About { latent, quality, axes } = about;
+        let About { latent, quality, axes } = read_json(files, "latent_map.json")?;
         let tensors = TensorFile::open(files, "latent_map.safetensors")?;
         let shape = tensors.shape("codes")?;
         let states = shape.first().copied().unwrap_or_default();

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     Artifact, Files, json,
     sizes::SizesFile,
-    tensors::{TensorFile, Tensors, file},
+    tensors::{TensorFile, Tensors, read_json},
 };
 use crate::{
     lce::{LceModel, PassiveDynamics, Sizes, nets::Nets},
@@ -86,7 +86,7 @@ impl Artifact for TrainedModel {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let About { sizes, adam_steps, suspect_goals } = serde_json::from_slice(&file(files, "model.json")?)?;
+        let About { sizes, adam_steps, suspect_goals } = read_json(files, "model.json")?;
         let sizes = Sizes::try_from(sizes)?;
         let nets = Nets::new(&sizes);
         let tensors = TensorFile::open(files, "model.safetensors")?;

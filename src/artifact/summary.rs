@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Artifact, Files, json, tensors::file};
+use super::{Artifact, Files, json, tensors::read_json};
 use crate::{control::Controller, env::Start, num::stats::Summary};
 
 /// One metric over models: statistics, and the value of each model.
@@ -49,6 +49,6 @@ impl Artifact for ResultSummary {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        Ok(serde_json::from_slice(&file(files, "summary.json")?)?)
+        read_json(files, "summary.json")
     }
 }

@@ -13,6 +13,7 @@ use safetensors::{
     Dtype,
     tensor::{Metadata, TensorInfo},
 };
+use serde::de::DeserializeOwned;
 
 use crate::store::{Content, ReadSeek};
 
@@ -87,7 +88,7 @@ impl<'a> TensorFile<'a> {
     /// # Errors
     /// There is no such file, or it is not a whole safetensors file.
     pub fn open(files: &'a super::Files, name: &str) -> anyhow::Result<Self> {
-        Self::read(known(files, name)?)
+        Self::read(known(files, name)?).with_context(|| format!("cannot read {name}"))
     }
 
     /// Reads the table of contents.
@@ -100,7 +101,7 @@ impl<'a> TensorFile<'a> {
         file.rewind()?;
         let about = header(&mut *file, size).context("not a safetensors file")?;
         let first = file.stream_position()?;
-        ensure!(first + about.data_len() as u64 == size, "not a safetensors file: it has another length than it says");
+        ensure!(about.data_len() as u64 == size - first, "not a safetensors file: it has another length than it says");
         Ok(Self { file: RefCell::new(file), about, first })
     }
 
@@ -182,6 +183,11 @@ fn header(file: &mut dyn ReadSeek, size: u64) -> anyhow::Result<Metadata> {
     let mut text = vec![0; length as usize];
     file.read_exact(&mut text)?;
     Ok(serde_json::from_slice(&text)?)
+}
+
+/// A JSON file of an artifact.
+pub fn read_json<T: DeserializeOwned>(files: &super::Files, name: &str) -> anyhow::Result<T> {
+    serde_json::from_slice(&file(files, name)?).with_context(|| format!("cannot read {name}"))
 }
 
 /// One file of an artifact, as bytes.

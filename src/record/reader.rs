@@ -2,10 +2,10 @@
 
 use std::{collections::BTreeMap, fs::File, io::Read as _, path::Path, sync::Arc};
 
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use mcap::{
     parse_record,
-    records::{Metadata, Record},
+    records::{Metadata, Record, op},
     sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions},
 };
 
@@ -16,6 +16,9 @@ const LARGEST_RECORD: usize = 256 << 20;
 const READ_SIZE: usize = 64 << 10;
 /// The most memory that is reserved at once, since a damaged length may claim more than the file holds.
 const LARGEST_READ: usize = 1 << 20;
+
+/// The records that hold messages, or say what messages are.
+const READ: [u8; 4] = [op::SCHEMA, op::CHANNEL, op::MESSAGE, op::METADATA];
 
 /// A topic of a recording and the encoding of its messages.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -111,13 +114,49 @@ impl Reader {
                     self.mcap.notify_read(read);
                     None
                 }
-                LinearReadEvent::Record { opcode, data } => self.contents.take(parse_record(opcode, data)?),
+                LinearReadEvent::Record { opcode, data } if READ.contains(&opcode) => {
+                    ensure!(has_its_lengths(opcode, data), "a record says that it is longer than it is");
+                    self.contents.take(parse_record(opcode, data)?)
+                }
+                LinearReadEvent::Record { .. } => None,
             };
             if let Some(found) = found {
                 return Ok(self.contents.item(found));
             }
         }
     }
+}
+
+/// Whether the texts and tables of a record are no longer than the record. The library reserves as much memory as their
+/// lengths say before it reads them.
+fn has_its_lengths(opcode: u8, data: &[u8]) -> bool {
+    fn block<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
+        let length;
+        (length, *rest) = rest.split_at_checked(4)?;
+        let length = u32::from_le_bytes(length.try_into().ok()?);
+        let block;
+        (block, *rest) = rest.split_at_checked(length as usize)?;
+        Some(block)
+    }
+    // Where the blocks begin, how many there are, and whether the last is a table, which holds blocks.
+    let (begin, blocks, has_table) = match opcode {
+        op::SCHEMA => (2, 3, false),
+        op::CHANNEL => (4, 3, true),
+        op::METADATA => (0, 2, true),
+        _ => return true,
+    };
+    let check = || {
+        let mut rest = data.get(begin..)?;
+        let mut last = &data[..0];
+        for _ in 0..blocks {
+            last = block(&mut rest)?;
+        }
+        while has_table && !last.is_empty() {
+            block(&mut last)?;
+        }
+        Some(())
+    };
+    check().is_some()
 }
 
 /// What was read so far: the channels, and the latest message and metadata record.

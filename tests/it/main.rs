@@ -1,5 +1,7 @@
 //! Every test of the whole program but those that need a process of their own.
 
+#[path = "../support/allocator.rs"]
+mod allocator;
 mod cli;
 mod docs;
 mod pipeline;

@@ -2,7 +2,10 @@
 
 use std::collections::BTreeSet;
 
-use crate::support::pipeline::{ONLINE, kinds, overrides};
+use crate::support::{
+    mutated::{corpus, modestly, mutation},
+    pipeline::{ONLINE, kinds, overrides},
+};
 use carl_pipe::{
     diag::Diagnostics,
     pipeline::{Graph, Source, dag_mermaid, dag_text, load, load_with},
@@ -173,6 +176,12 @@ proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
+    fn a_file_with_any_change(mutation in mutation()) {
+        let (_, bytes) = mutation.of_corpus("pipelines");
+        read(&bytes, &[], &[]);
+    }
+
+    #[test]
     fn arbitrary_bytes(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
         read(&bytes, &[], &[]);
     }
@@ -200,6 +209,15 @@ proptest! {
     #[test]
     fn arguments(set in argument(), sweep in argument()) {
         read(ONLINE.as_bytes(), &[&set], &[&sweep]);
+    }
+}
+
+#[test]
+fn the_corpus_is_read_or_refused() {
+    for (path, bytes, is_whole) in corpus("pipelines") {
+        let loaded = modestly(&bytes, |bytes| load(&Source::new("p.toml", bytes), &overrides(&[], &[]), kinds()));
+        assert_eq!(loaded.is_ok(), is_whole, "{}", path.display());
+        hold(loaded);
     }
 }
 

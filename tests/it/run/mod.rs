@@ -1,5 +1,6 @@
 //! The store, the cache and the runner, with toy kinds.
 
+mod any_bytes;
 mod cache;
 mod damage;
 mod gc;

@@ -1,7 +1,13 @@
 //! Artifacts survive the disk to the byte, and files that are damaged or foreign are refused in words.
 
-use crate::support::stages;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use crate::support::{
+    mutated::{any_bytes, corpus, modestly, mutation},
+    stages,
+};
+use std::{
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::LazyLock,
+};
 
 use carl_pipe::{
     artifact::{
@@ -14,6 +20,7 @@ use carl_pipe::{
     nn::adam::Adam,
     num::{rng::Rng, stats::Summary},
 };
+use proptest::prelude::*;
 use rand::SeedableRng as _;
 use serde_json::{Value, json};
 
@@ -282,4 +289,63 @@ fn transitions_of_different_tasks_are_not_joined() {
     assert!(Transitions::concat(&[one.clone(), other]).is_err());
     let both = Transitions::concat(&[one.clone(), one.clone()]).expect("of one task");
     assert_eq!((both.len(), &both.goals), (10, &one.goals));
+}
+
+/// A file of an artifact, with the kind and all files of the artifact.
+type OneFile = (Kind, Files, String);
+
+/// Every file of every artifact.
+fn every_file() -> &'static [OneFile] {
+    static FILES: LazyLock<Vec<OneFile>> = LazyLock::new(|| {
+        let one_by_one = |(kind, files): (Kind, Files)| {
+            let names: Vec<String> = files.names().filter(|name| !name.ends_with(".svg")).map(str::to_owned).collect();
+            names.into_iter().map(move |name| (kind, files.clone(), name))
+        };
+        all().into_iter().flat_map(one_by_one).collect()
+    });
+    &FILES
+}
+
+/// Whether bytes are a file of its kind at all, in the judgement of the libraries.
+fn is_well_formed(name: &str, bytes: &[u8]) -> bool {
+    match name.ends_with(".json") {
+        true => serde_json::from_slice::<Value>(bytes).is_ok(),
+        // The library adds lengths from the file without a check.
+        false => catch_unwind(|| safetensors::SafeTensors::deserialize(bytes).is_ok()).unwrap_or(false),
+    }
+}
+
+/// Loads an artifact with one file replaced. The error names a file that is malformed.
+fn load_with((kind, files, name): &OneFile, bytes: &[u8]) -> bool {
+    let mut files = files.clone();
+    files.insert(name.clone(), bytes.to_vec());
+    let loaded = modestly(bytes, |_| again(*kind, &files, name));
+    if let Err(error) = &loaded {
+        let text = format!("{error:#}");
+        assert!(text.contains(name.as_str()) || is_well_formed(name, bytes), "{}: {text}", kind.name);
+    }
+    loaded.is_ok()
+}
+
+#[test]
+fn the_corpus_of_tensors_is_read_or_refused() {
+    let transitions = (kind::<Transitions>(), Files::new(), "transitions.safetensors".to_owned());
+    for (path, bytes, is_whole) in corpus("tensors") {
+        assert_eq!(load_with(&transitions, &bytes), is_whole, "{}", path.display());
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn arbitrary_bytes(bytes in any_bytes(), file in 0..every_file().len()) {
+        prop_assert!(!load_with(&every_file()[file], &bytes));
+    }
+
+    #[test]
+    fn an_artifact_with_any_change_to_a_file(mutation in mutation()) {
+        let (file, bytes) = mutation.of(every_file(), |(_, files, name)| files.bytes(name).unwrap().into_owned());
+        load_with(file, &bytes);
+    }
 }

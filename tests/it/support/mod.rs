@@ -3,6 +3,7 @@
 pub mod cli;
 #[path = "../../support/models.rs"]
 pub mod models;
+pub mod mutated;
 pub mod pipeline;
 pub mod recording;
 pub mod run;
