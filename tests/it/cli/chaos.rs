@@ -1,7 +1,8 @@
 //! Kills the program at random moments. The same command then finishes, no finished node runs twice, and every byte is
 //! the same as without kills.
 //!
-//! `CHAOS_KILLS` is the number of kills. `CHAOS_PIPELINE` names a pipeline for the real program, in place of the toy.
+//! `CHAOS_KILLS` is the number of kills, `CHAOS_ROUNDS` the length of the toy. `CHAOS_PIPELINE` names a pipeline for the real
+//! program, in place of the toy, and `CHAOS_PROGRAM` another build of that program.
 
 #![allow(clippy::disallowed_methods, reason = "tests wait and measure")]
 
@@ -16,17 +17,21 @@ use crate::support::cli::{Ended, Toy, digests, times_run};
 use rand::{RngExt as _, SeedableRng as _};
 use serde_json::json;
 
-fn kills() -> usize {
-    std::env::var("CHAOS_KILLS").ok().and_then(|text| text.parse().ok()).unwrap_or(10)
+fn number(variable: &str, otherwise: usize) -> usize {
+    std::env::var(variable).ok().and_then(|text| text.parse().ok()).unwrap_or(otherwise)
 }
 
 /// The command under test, with its store in a folder of the toy's.
 fn command(toy: &Toy, store: &str) -> Command {
     match std::env::var_os("CHAOS_PIPELINE") {
-        None => toy.command(&format!("--artifacts {store} run toy.toml -S rounds=6 -j2 --json")),
+        None => {
+            let rounds = number("CHAOS_ROUNDS", 6);
+            toy.command(&format!("--artifacts {store} run toy.toml -S rounds={rounds} -j2 --json"))
+        }
         Some(pipeline) => {
             let pipeline = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(pipeline);
-            let mut command = Command::new(env!("CARGO_BIN_EXE_carl-pipe"));
+            let program = std::env::var_os("CHAOS_PROGRAM").unwrap_or_else(|| env!("CARGO_BIN_EXE_carl-pipe").into());
+            let mut command = Command::new(program);
             command.arg("run").arg(pipeline).arg("--json").arg("--artifacts").arg(toy.path(store));
             command
         }
@@ -41,8 +46,8 @@ fn kills_at_random_moments_lose_nothing_that_was_finished() {
     assert_eq!(whole.code, Some(0), "{whole:?}");
     let span_ms = start.elapsed().as_millis() as u64;
     let mut random = rand::rngs::ChaCha12Rng::seed_from_u64(1);
-    let (mut killed, mut stores) = (0, 0);
-    while killed < kills() {
+    let (kills, mut killed, mut stores) = (number("CHAOS_KILLS", 10), 0, 0);
+    while killed < kills {
         stores += 1;
         let store = format!("shaken-{stores}");
         // Until a process comes through alive.
@@ -50,7 +55,7 @@ fn kills_at_random_moments_lose_nothing_that_was_finished() {
             let mut child = command(&toy, &store).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
             sleep(Duration::from_millis(random.random_range(0..=span_ms / 3)));
             child.kill().unwrap(); // SIGKILL
-            if child.wait().unwrap().success() || killed == kills() {
+            if child.wait().unwrap().success() || killed == kills {
                 break;
             }
             killed += 1;

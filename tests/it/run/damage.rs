@@ -1,4 +1,5 @@
-//! Random damage to the entries and objects of a store: nothing wrong is served, and the next run makes it again.
+//! Random damage to the entries, outputs, recordings and manifests of a store: nothing wrong is served, and the next run
+//! makes all but the manifest again.
 //!
 //! `DAMAGES` is the number of damaged files.
 
@@ -12,6 +13,7 @@ use crate::support::run::{Bench, graph};
 use carl_pipe::run::{
     events::RunState,
     execute::{Options, Report},
+    manifest::Manifest,
     plan::Force,
     verify::verify,
 };
@@ -22,11 +24,12 @@ fn damages() -> usize {
     std::env::var("DAMAGES").ok().and_then(|text| text.parse().ok()).unwrap_or(40)
 }
 
-/// Every file two levels below `keys` and `objects`, in order.
-fn kept_files(root: &Path) -> Vec<PathBuf> {
+/// Every file two levels below `keys` and `objects`, in order, and the manifest of a run.
+fn kept_files(root: &Path, run_dir: &Path) -> Vec<PathBuf> {
     let below = |folder: PathBuf| fs::read_dir(folder).into_iter().flatten().flatten().map(|item| item.path());
     let folders = ["keys", "objects"].into_iter().flat_map(|folder| below(root.join(folder)));
     let mut files: Vec<PathBuf> = folders.flat_map(below).collect();
+    files.push(run_dir.join("manifest.json"));
     files.sort();
     files
 }
@@ -88,18 +91,19 @@ fn random_damage_is_never_served_and_the_next_run_repairs_it() {
         ("d", ballast(4), &["b", "c"]),
         ("sum", ballast(5), wide),
     ]);
-    let (whole, _) = bench.run(&graph);
-    let whole = made(&whole);
+    let (first, _) = bench.run(&graph);
+    let (whole, mut last) = (made(&first), first.path);
     let options = Options { force: Force::Unrecorded, ..Options::default() };
     let mut random = ChaCha12Rng::seed_from_u64(3);
     for _ in 0..damages() {
-        let files = kept_files(bench.store.root());
+        let files = kept_files(bench.store.root(), &last);
         let path = &files[random.random_range(0..files.len())];
         let what = format!("{} of {}", damage(path, &mut random), path.display());
+        assert_eq!(Manifest::read(&last).is_err(), path.starts_with(&last), "after {what}");
         let (report, _) = bench.run_with(&graph, &options);
         assert_eq!((report.state, made(&report)), (RunState::Finished, whole.clone()), "after {what}");
         let found = verify(&bench.store, std::slice::from_ref(&report.path), false);
         assert!(found.problems.is_empty(), "after {what}: {:?}", found.problems);
-        fs::remove_dir_all(&report.path).unwrap();
+        fs::remove_dir_all(std::mem::replace(&mut last, report.path)).unwrap();
     }
 }
