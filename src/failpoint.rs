@@ -54,6 +54,7 @@ mod armed {
         "mark alive",
         "mark latest",
         "move aside",
+        "name run folder",
         "open events",
         "open recording",
         "place file",

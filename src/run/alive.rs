@@ -2,19 +2,14 @@
 
 use std::{
     fs::{File, OpenOptions, TryLockError},
+    io,
     path::Path,
 };
 
-use anyhow::Context as _;
-
-use crate::failpoint::failpoint;
-
 /// Marks a run as alive for as long as the file that is returned stays open.
-pub(super) fn mark(run_dir: &Path) -> anyhow::Result<File> {
-    let path = run_dir.join("alive");
-    let file = failpoint!("mark alive", OpenOptions::new().write(true).create(true).truncate(false).open(&path));
-    let file = file.with_context(|| format!("cannot open {}", path.display()))?;
-    failpoint!("mark alive", file.lock()).with_context(|| format!("cannot lock {}", path.display()))?;
+pub(super) fn mark(run_dir: &Path) -> io::Result<File> {
+    let file = OpenOptions::new().write(true).create(true).truncate(false).open(run_dir.join("alive"))?;
+    file.lock()?;
     Ok(file)
 }
 

@@ -18,7 +18,11 @@ use std::{
 
 use anyhow::Context as _;
 
-use super::{alive, strays::FRESH_LINK, utc};
+use super::{
+    alive,
+    strays::{FRESH_LINK, FRESH_RUN},
+    utc,
+};
 use crate::failpoint::failpoint;
 
 pub use find::{FindError, find};
@@ -52,17 +56,24 @@ impl RunDir {
             let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
             let id = run_id(now.as_millis() as u64, (salt ^ now.subsec_nanos()) & 0xffff);
             let path = runs.join(&id);
-            match failpoint!("make run folder", fs::create_dir(&path)) {
-                Ok(()) => {
-                    let alive = alive::mark(&path)?;
-                    let live = path.join("live");
-                    fs::create_dir(&live).with_context(|| format!("cannot make {}", live.display()))?;
-                    return Ok(Self { id, path, number, _alive: alive });
-                }
+            match Self::make(&path, &runs.join(format!("{FRESH_RUN}{id}"))) {
+                Ok(alive) => return Ok(Self { id, path, number, _alive: alive }),
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => salt = salt.wrapping_add(1),
                 Err(error) => return Err(error).with_context(|| format!("cannot make {}", path.display())),
             }
         }
+    }
+
+    /// Makes the folder `path`, which has its name only once it shows that its process lives.
+    fn make(path: &Path, fresh: &Path) -> io::Result<File> {
+        if path.exists() {
+            return Err(io::ErrorKind::AlreadyExists.into());
+        }
+        failpoint!("make run folder", fs::create_dir(fresh))?;
+        let alive = failpoint!("mark alive", alive::mark(fresh))?;
+        fs::create_dir(fresh.join("live"))?;
+        failpoint!("name run folder", fs::rename(fresh, path))?;
+        Ok(alive)
     }
 
     /// Lets `latest` point to this run.
@@ -130,8 +141,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_id_begins_with_the_time() {
+    fn an_id_begins_with_the_time_and_has_its_shape_whatever_the_clock_says() {
         assert_eq!(run_id(1_785_681_301_123, 0x7f), "20260802-143501-123-007f");
+        assert_eq!(run_id(u64::MAX, 0), "99991231-235959-615-0000");
+        assert!(is_id(&run_id(0, 0xffff)) && is_id(&run_id(u64::MAX, 0)));
     }
 
     #[test]

@@ -27,9 +27,12 @@ pub(super) fn secs(text: &str) -> Option<u64> {
     Some(days.checked_sub(719_468)? * 86_400 + of_day)
 }
 
+/// The last second of the year 9999: a year has four digits, whatever the clock says.
+const LAST_SEC: u64 = 253_402_300_799;
+
 /// A time in milliseconds since 1970 as `2026-08-02T14:35:01Z`.
 pub(super) fn text(unix_millis: u64) -> String {
-    let secs = unix_millis / 1000;
+    let secs = (unix_millis / 1000).min(LAST_SEC);
     let (days, of_day) = (secs / 86_400, secs % 86_400);
     // Days to year, month and day in the Gregorian calendar, counted from March of year 0 (Howard Hinnant,
     // "chrono-Compatible Low-Level Date Algorithms", civil_from_days).

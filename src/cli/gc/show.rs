@@ -34,7 +34,11 @@ pub(super) fn print(plan: &Plan, is_verbose: bool) {
         out::bytes(plan.bytes + plan.kept_bytes)
     )));
     out::print(&out::table(&rows));
-    out::line(&out::bold(&format!("to keep: {}, {}", count(plan.kept.len(), "run"), out::bytes(plan.kept_bytes))));
+    let kept = match plan.kept.len() {
+        0 => "no run".to_owned(),
+        runs => count(runs, "run"),
+    };
+    out::line(&out::bold(&format!("to keep: {kept}, {}", out::bytes(plan.kept_bytes))));
     let is_special = |run: &&KeptRun| is_verbose || run.problem.is_some() || matches!(run.reason, Reason::Pinned);
     let kept: Vec<_> = plan.kept.iter().filter(is_special).collect();
     out::print(&out::table(

@@ -53,8 +53,10 @@ impl Messages {
                 Some(format!("{node}  {name} {}", out::number(*value)))
             }
             Event::Say { node, text } => Some(format!("{node}: {text}")),
-            Event::Warning { node: Some(node), text } => Some(format!("{} {node}: {text}", out::yellow("warning:"))),
-            Event::Warning { node: None, text } => Some(format!("{} {text}", out::yellow("warning:"))),
+            Event::Warning { node, text } => {
+                let node = node.as_ref().map_or_else(String::new, |node| format!("{node}: "));
+                Some(format!("{} {node}{}", out::yellow("warning:"), out::tidy(text)))
+            }
             Event::NodeFinished { node, state, secs, .. } => {
                 end(*state, *secs, detail).map(|end| format!("{node}  {end}"))
             }

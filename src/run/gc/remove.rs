@@ -36,8 +36,8 @@ pub fn remove(store: &LocalStore, runs: &Path, plan: &Plan) -> anyhow::Result<()
     sweep(runs)
 }
 
-/// Removes the folders that this or an earlier cleaning has renamed, and the empty folders of runs that were killed before
-/// they wrote anything.
+/// Removes the folders that this or an earlier cleaning has renamed, and those of runs that were killed before they had
+/// their names.
 fn sweep(runs: &Path) -> anyhow::Result<()> {
     let items = match fs::read_dir(runs) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
@@ -45,11 +45,9 @@ fn sweep(runs: &Path) -> anyhow::Result<()> {
     };
     for path in items.flatten().map(|item| item.path()) {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if name.strip_prefix(GONE).is_some_and(runs::is_id) {
+        if [GONE, strays::FRESH_RUN].iter().any(|begin| name.strip_prefix(begin).is_some_and(runs::is_id)) {
             failpoint!("remove run", fs::remove_dir_all(&path))
                 .with_context(|| format!("cannot remove {}", path.display()))?;
-        } else if runs::is_id(&name) {
-            let _ = fs::remove_dir(&path); // Refused where the folder holds anything.
         }
     }
     Ok(())
