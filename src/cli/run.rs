@@ -9,11 +9,12 @@ use super::{
     live::LiveView,
     out,
     output::refuse_inputs,
-    progress::{self, Progress},
+    progress::Progress,
     sink::Sink,
     status,
     stop::Stop,
     summary,
+    working::WorkingArgs,
 };
 use crate::{
     pipeline::Graph,
@@ -44,9 +45,8 @@ pub(crate) struct Args {
     /// Only show what would run and why.
     #[arg(short = 'n', long)]
     dry_run: bool,
-    /// The largest number of nodes that run at once, or auto; the nodes that run share all cores.
-    #[arg(short, long, value_name = "N", env = "CARL_JOBS", hide_env_values = true, value_parser = jobs)]
-    jobs: Option<usize>,
+    #[command(flatten)]
+    working: WorkingArgs,
     /// After a failure, continue with the nodes that do not depend on it.
     #[arg(short, long)]
     keep_going: bool,
@@ -65,17 +65,6 @@ pub(crate) struct Args {
     /// Print each event as a line of JSON; the last line is a summary.
     #[arg(long)]
     json: bool,
-    /// How to show progress: auto, bar, plain or none; auto is bar on a terminal, none with `--json`, plain otherwise.
-    #[arg(long, value_name = "HOW", default_value = "auto", value_enum, hide_possible_values = true)]
-    progress: progress::How,
-}
-
-fn jobs(text: &str) -> Result<usize, String> {
-    match text.parse() {
-        Ok(count) if count > 0 => Ok(count),
-        _ if text == "auto" => Ok(Options::default().jobs),
-        _ => Err("must be a number above 0, or `auto`".to_owned()),
-    }
 }
 
 /// Runs a pipeline.
@@ -94,17 +83,11 @@ pub(crate) fn run(global: &Global, args: &Args, argv: &[OsString], kinds: &'stat
     }
     let store = global.store_to_run()?;
     let view = args.rerun.clone().map(|sink| LiveView::new(sink, global.runs())).transpose()?;
-    let stop = Stop::listen()?;
+    let (options, progress) = args.working.start(Stop::listen()?, global, args.json, kinds);
+    let options = Options { keep_going: args.keep_going, force, ..options };
     let argv: Vec<String> = argv.iter().map(|word| word.to_string_lossy().into_owned()).collect();
     let order = Order { graph, wanted, text: &loaded.text, argv: argv.clone(), note: args.note.clone() };
-    let defaults = Options::default();
-    let jobs = args.jobs.unwrap_or(defaults.jobs);
-    let options = Options { jobs, keep_going: args.keep_going, force, stop: stop.flag.clone(), ..defaults };
-    let audience = Audience {
-        progress: progress::new(args.progress.resolve(args.json, global.quiet), global, kinds, stop),
-        json: args.json,
-        view,
-    };
+    let audience = Audience { progress, json: args.json, view };
     let report = execute::run(&store, &global.runs(), &order, &options, &audience)?;
     if let Some(text) = audience.view.as_ref().and_then(LiveView::close) {
         audience.progress.on_event(&Event::Warning { node: None, text });

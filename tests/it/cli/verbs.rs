@@ -195,6 +195,19 @@ fn a_replay_compares_every_output_and_recording() {
 }
 
 #[test]
+fn every_verb_that_runs_nodes_takes_the_same_numbers_of_jobs() {
+    let toy = Toy::new();
+    for verb in ["run toy.toml", "replay latest", "verify --repair"] {
+        assert_eq!(toy.run(&format!("{verb} --jobs auto")).code, Some(0), "{verb}");
+        let ended = Ended::of(toy.command(verb).env("CARL_JOBS", "auto").output().unwrap());
+        assert_eq!(ended.code, Some(0), "{verb}: {ended:?}");
+        let none = toy.run(&format!("{verb} --jobs 0"));
+        assert_eq!(none.code, Some(2), "{verb}");
+        assert!(none.err.contains("must be a number above 0, or `auto`"), "{verb}: {}", none.err);
+    }
+}
+
+#[test]
 fn ctrl_c_stops_at_the_next_step_and_the_same_command_goes_on() {
     let toy = Toy::new();
     let words = "run toy.toml -S learn.steps=100 --json";
