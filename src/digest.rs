@@ -36,7 +36,16 @@ impl Digest {
 
     /// The digest of a JSON value. The order of its keys does not matter.
     pub fn of_json(value: &Value) -> Self {
-        Self::of_bytes(canonical(value).as_bytes())
+        let mut text = Vec::new();
+        write_canonical(value, &mut text);
+        Self::of_bytes(&text)
+    }
+
+    /// What [`Digest::of_json`] gives for an object with these members.
+    pub fn of_members<'a>(members: impl IntoIterator<Item = (&'a str, &'a Value)>) -> Self {
+        let mut text = Vec::new();
+        write_object(members, &mut text);
+        Self::of_bytes(&text)
     }
 
     /// The content digest of an artifact: a hash over the names and digests of its files, in the order of the names.
@@ -52,7 +61,11 @@ impl Digest {
 
     /// The 64 hexadecimal digits.
     pub fn hex(&self) -> String {
-        blake3::Hash::from_bytes(self.0).to_hex().to_string()
+        self.blake3().to_hex().to_string()
+    }
+
+    fn blake3(&self) -> blake3::Hash {
+        blake3::Hash::from_bytes(self.0)
     }
 
     /// `b3:` and the first ten digits, for people.
@@ -69,7 +82,7 @@ impl From<[u8; 32]> for Digest {
 
 impl fmt::Display for Digest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "b3:{}", self.hex())
+        write!(f, "b3:{}", self.blake3().to_hex())
     }
 }
 
@@ -108,39 +121,46 @@ impl<'de> Deserialize<'de> for Digest {
 
 /// The canonical text of a JSON value: keys sorted, no spaces.
 pub fn canonical(value: &Value) -> String {
-    let mut text = String::new();
+    let mut text = Vec::new();
     write_canonical(value, &mut text);
-    text
+    String::from_utf8(text).expect("JSON is text")
 }
 
-fn write_canonical(value: &Value, text: &mut String) {
+fn write_canonical(value: &Value, text: &mut Vec<u8>) {
     match value {
-        Value::Object(map) => {
-            let mut keys: Vec<_> = map.keys().collect();
-            keys.sort();
-            text.push('{');
-            for (i, key) in keys.into_iter().enumerate() {
-                if i > 0 {
-                    text.push(',');
-                }
-                text.push_str(&Value::from(key.as_str()).to_string());
-                text.push(':');
-                write_canonical(&map[key], text);
-            }
-            text.push('}');
-        }
+        Value::Object(members) => write_object(members.iter().map(|(name, value)| (name.as_str(), value)), text),
         Value::Array(items) => {
-            text.push('[');
+            text.push(b'[');
             for (i, item) in items.iter().enumerate() {
                 if i > 0 {
-                    text.push(',');
+                    text.push(b',');
                 }
                 write_canonical(item, text);
             }
-            text.push(']');
+            text.push(b']');
         }
-        plain => text.push_str(&plain.to_string()),
+        plain => write_plain(plain, text),
     }
+}
+
+fn write_object<'a>(members: impl IntoIterator<Item = (&'a str, &'a Value)>, text: &mut Vec<u8>) {
+    let mut members: Vec<(&str, &Value)> = members.into_iter().collect();
+    members.sort_unstable_by_key(|(name, _)| *name);
+    text.push(b'{');
+    for (i, (name, value)) in members.into_iter().enumerate() {
+        if i > 0 {
+            text.push(b',');
+        }
+        write_plain(name, text);
+        text.push(b':');
+        write_canonical(value, text);
+    }
+    text.push(b'}');
+}
+
+/// Writes a name, or a value that holds no others.
+fn write_plain(value: &(impl Serialize + ?Sized), text: &mut Vec<u8>) {
+    serde_json::to_writer(text, value).expect("a vector takes all bytes");
 }
 
 #[cfg(test)]
@@ -155,6 +175,8 @@ mod tests {
         let b: Value = serde_json::from_str(r#"{"a":null,"b":[1,{"c":"x","d":2.5}]}"#).unwrap();
         assert_eq!(canonical(&a), r#"{"a":null,"b":[1,{"c":"x","d":2.5}]}"#);
         assert_eq!(Digest::of_json(&a), Digest::of_json(&b));
+        let members = b.as_object().unwrap().iter().rev().map(|(name, value)| (name.as_str(), value));
+        assert_eq!(Digest::of_members(members), Digest::of_json(&a));
     }
 
     #[test]

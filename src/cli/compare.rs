@@ -104,7 +104,7 @@ fn print(heads: &[Head; 2], found: &Comparison, metric: &str) {
 fn metric_row(metric: &Metric) -> Vec<String> {
     let difference = metric.difference.as_ref().map_or_else(String::new, difference);
     let name = format!("  {}/{}", metric.pipeline, metric.stage);
-    vec![name, mean(&metric.before), "->".to_owned(), mean(&metric.after), difference]
+    vec![name, mean((&metric.before).into()), "->".to_owned(), mean((&metric.after).into()), difference]
 }
 
 fn difference(it: &Difference) -> String {

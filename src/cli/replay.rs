@@ -77,8 +77,8 @@ fn print(manifest: &Manifest, replayed: &Replayed) {
         let now = replayed.map_or_else(|| "nothing".to_owned(), |digest| digest.short());
         out::line(&format!("{} {what} of {node}: was {}, now {now}", out::red("differs:"), recorded.short()));
     }
-    for node in &replayed.report.nodes {
-        if let Some(failure) = &node.failure {
+    for node in replayed.report.nodes() {
+        if let Some(failure) = node.failure {
             out::line(&format!("{} {} failed: {}", out::red("error:"), node.record.about.name, failure.text()));
         }
     }

@@ -110,7 +110,7 @@ pub(super) fn exit_of(report: &Report) -> Exit {
         RunState::Finished => Exit::Ok,
         RunState::Interrupted | RunState::Running => Exit::Interrupted,
         RunState::Failed => {
-            let mut failures = report.nodes.iter().filter_map(|node| node.failure.as_ref());
+            let mut failures = report.ends.iter().filter_map(|node| node.failure.as_ref());
             if failures.any(|failure| matches!(failure, Failure::System(_))) { Exit::Store } else { Exit::StageFailed }
         }
     }

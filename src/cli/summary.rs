@@ -56,15 +56,14 @@ impl<'a> End<'a> {
     /// The last line of `--json`.
     pub(crate) fn json(&self) -> Value {
         let report = self.report;
-        let node = |node: &NodeReport| {
-            let error = node.failure.as_ref().map(Failure::text);
+        let node = |node: NodeReport<'_>| {
+            let (outcome, error) = (&node.record.outcome, node.failure.map(Failure::text));
             json!({
-                "state": node.record.outcome.state, "digest": node.record.outcome.output, "recording": node.record.outcome.recording, "secs": node.worked_secs,
-                "figures": node.record.outcome.metrics, "error": error,
+                "state": outcome.state, "digest": outcome.output, "recording": outcome.recording,
+                "secs": node.worked_secs, "figures": outcome.metrics, "error": error,
             })
         };
-        let nodes: Map<String, Value> =
-            report.nodes.iter().map(|it| (it.record.about.name.clone(), node(it))).collect();
+        let nodes: Map<String, Value> = report.nodes().map(|it| (it.record.about.name.clone(), node(it))).collect();
         let headline = self.headline;
         json!({
             "version": 1,
@@ -86,11 +85,11 @@ impl<'a> End<'a> {
             self.print_tables(global);
         }
         let report = self.report;
-        for node in report.nodes.iter().filter(|node| node.record.outcome.state == NodeState::Failed) {
+        for node in report.nodes().filter(|node| node.record.outcome.state == NodeState::Failed) {
             out::note(&self.failure(node));
         }
         if report.state == RunState::Interrupted {
-            let (kept, all) = (self.kept(), report.nodes.len());
+            let (kept, all) = (self.kept(), report.ends.len());
             out::note(&format!("{} {kept} of {all} nodes are finished and kept", out::yellow("interrupted:")));
             out::note(&format!("  = {} continue with `{}`", out::bold("help:"), out::command(argv)));
         }
@@ -98,7 +97,7 @@ impl<'a> End<'a> {
 
     fn print_tables(&self, global: &Global) {
         let report = self.report;
-        let ran_any = report.nodes.iter().any(|node| node.record.outcome.state != NodeState::Cached);
+        let ran_any = report.count(NodeState::Cached) < report.ends.len();
         if (ran_any && !global.quiet) || global.verbose {
             out::print(&out::table(&self.rows()));
         }
@@ -128,16 +127,15 @@ impl<'a> End<'a> {
     /// The headline for the closing line, with its standard error where there are several models.
     fn headline_text(&self) -> Option<String> {
         match &self.reached[..] {
-            [one] if one.summary.n > 1 => Some(format!("{} {}", self.metric, mean(&one.summary))),
+            [one] if one.values.len() > 1 => Some(format!("{} {}", self.metric, mean(one.estimate()))),
             _ => self.headline.map(|it| format!("{} {}", it.metric, out::number(it.mean))),
         }
     }
 
     /// A row for each node, or for each stage of a large run, or for each member of a large suite.
     fn rows(&self) -> Vec<Vec<String>> {
-        let nodes = &self.report.nodes;
-        if nodes.len() <= ROWS {
-            let row = |node: &NodeReport| {
+        if self.report.ends.len() <= ROWS {
+            let row = |node: NodeReport<'_>| {
                 vec![
                     node.record.about.name.clone(),
                     coloured(node.record.outcome.state),
@@ -145,28 +143,28 @@ impl<'a> End<'a> {
                     self.metric_of(node),
                 ]
             };
-            return nodes.iter().map(row).collect();
+            return self.report.nodes().map(row).collect();
         }
         let is_suite = self.graph.is_suite();
-        let name = |node: &&NodeReport| {
+        let name = |node: &NodeReport<'_>| {
             let about = &node.record.about;
             if is_suite { self.graph.members[about.member].name.clone() } else { about.stage.clone() }
         };
-        grouped(nodes, name).iter().map(|(name, nodes)| self.group_row(name, nodes, is_suite)).collect()
+        grouped(self.report.nodes(), name).iter().map(|(name, nodes)| self.group_row(name, nodes, is_suite)).collect()
     }
 
-    fn group_row(&self, name: &str, nodes: &[&NodeReport], is_member: bool) -> Vec<String> {
+    fn group_row(&self, name: &str, nodes: &[NodeReport<'_>], is_member: bool) -> Vec<String> {
         let count = |state| nodes.iter().filter(|node| node.record.outcome.state == state).count();
         let counts = STATES.iter().map(|it| (it, count(*it))).filter(|(_, count)| *count > 0);
         let states: Vec<String> = counts.map(|(it, count)| format!("{} {count}", coloured(*it))).collect();
         let last = nodes.iter().rev().find(|node| !node.record.outcome.metrics.is_empty() && !is_member);
-        let metric = last.map_or_else(String::new, |node| self.metric_of(node));
+        let metric = last.map_or_else(String::new, |node| self.metric_of(*node));
         let secs: f64 = nodes.iter().map(|node| node.worked_secs).sum();
         vec![format!("{name} x{}", nodes.len()), states.join(", "), time(secs), metric]
     }
 
     /// A headline metric where the node has one, else its first metric.
-    fn metric_of(&self, node: &NodeReport) -> String {
+    fn metric_of(&self, node: NodeReport<'_>) -> String {
         let mut headlines = self.kinds.iter().filter_map(|kind| kind.headline);
         let first = headlines.find_map(|name| node.record.outcome.metrics.get_key_value(name));
         let first = first.or_else(|| node.record.outcome.metrics.first_key_value());
@@ -183,8 +181,8 @@ impl<'a> End<'a> {
         out::bold(&format!("{} in {time}{headline}", parts.join(", ")))
     }
 
-    fn failure(&self, node: &NodeReport) -> String {
-        let text = node.failure.as_ref().map_or_else(String::new, |failure| out::tidy(failure.text()));
+    fn failure(&self, node: NodeReport<'_>) -> String {
+        let text = node.failure.map_or_else(String::new, |failure| out::tidy(failure.text()));
         let kind = self.graph.nodes.iter().find(|it| it.name == node.record.about.name).map_or("", |it| it.kind.name);
         let mut lines = vec![format!("{} {} ({kind}) failed: {text}", out::red("error:"), node.record.about.name)];
         let recording = self.report.path.join("live").join(format!("{}.mcap", file_name(&node.record.about.name)));

@@ -49,23 +49,49 @@ impl Mean {
     }
 }
 
+/// A mean over models and how sure it is. Unlike a whole [`Summary`], it costs no resampling.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// The number of models.
+    pub n: usize,
+    /// Mean over models.
+    pub mean: f64,
+    /// Standard error of the mean; `None` for a single model.
+    pub standard_error: Option<f64>,
+}
+
+impl Estimate {
+    /// The estimate from values. There is at least one.
+    pub fn of(values: &[f64]) -> Self {
+        let sorted = sorted(values);
+        let standard_error = (sorted.len() > 1).then(|| standard_error(&sorted));
+        Self { n: sorted.len(), mean: mean(&sorted), standard_error }
+    }
+}
+
 impl Summary {
     /// The statistics of the values; `None` for no values.
     pub fn of(values: &[f64]) -> Option<Self> {
         let sorted = sorted(values);
         let (worst, best) = (*sorted.first()?, *sorted.last()?);
         let five = FIVE.min(sorted.len());
-        let is_single = sorted.len() < 2;
+        let Estimate { n, mean, standard_error } = Estimate::of(&sorted);
         Some(Self {
-            n: sorted.len(),
-            mean: mean(&sorted),
-            standard_error: (!is_single).then(|| standard_error(&sorted)),
-            ci95: (!is_single).then(|| interval(&sorted)),
+            n,
+            mean,
+            standard_error,
+            ci95: (n > 1).then(|| interval(&sorted)),
             best,
             worst,
             top_five: Mean::of(&sorted[sorted.len() - five..]),
             worst_five: Mean::of(&sorted[..five]),
         })
+    }
+}
+
+impl From<&Summary> for Estimate {
+    fn from(&Summary { n, mean, standard_error, .. }: &Summary) -> Self {
+        Self { n, mean, standard_error }
     }
 }
 

@@ -194,8 +194,8 @@ fn pair(old: Series, new: Series) -> Metric {
         pipeline: both(name_of(&first.member), name_of(&second.member)),
         stage: both(&first.stage, &second.stage),
         difference: difference(&old, &new),
-        before: old.summary,
-        after: new.summary,
+        before: old.summary(),
+        after: new.summary(),
     }
 }
 

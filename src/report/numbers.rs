@@ -1,11 +1,11 @@
 //! Numbers and statistics as text for tables and charts.
 
-use crate::num::stats::Summary;
+use crate::num::stats::Estimate;
 
 /// `77.1 ± 0.1 (5)`: mean, standard error, number of models.
-pub fn mean(summary: &Summary) -> String {
-    let error = summary.standard_error.map_or_else(String::new, |error| format!(" ± {}", number(error)));
-    format!("{}{error} ({})", number(summary.mean), summary.n)
+pub fn mean(it: Estimate) -> String {
+    let error = it.standard_error.map_or_else(String::new, |error| format!(" ± {}", number(error)));
+    format!("{}{error} ({})", number(it.mean), it.n)
 }
 
 /// A value with one digit after the point: none from 1000 on, two below 2.

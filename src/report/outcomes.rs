@@ -47,8 +47,8 @@ pub struct Outcome {
     pub samples: u64,
     /// A digest of everything that led to it except the seed. Outcomes with equal recipes may be pooled.
     pub recipe: Digest,
-    /// A digest of what all rounds and numbers of samples of one curve share.
-    pub family: Digest,
+    /// A digest of what all rounds and numbers of samples of one curve share; `None` in [`final_outcomes`].
+    pub family: Option<Digest>,
     /// The digest of the node's key.
     pub key: Option<Digest>,
     /// The content digest of the node's output.
@@ -64,22 +64,28 @@ pub fn is_done(node: &NodeRecord) -> bool {
 
 /// Every finished result of a run, in the order of its nodes.
 pub fn outcomes(manifest: &Manifest, kinds: &[Kind]) -> Vec<Outcome> {
-    outcomes_of(manifest, kinds, is_done)
+    let lineage = Lineage::new(manifest, kinds);
+    let with_family = |(node, outcome)| Outcome { family: Some(lineage.family(node)), ..outcome };
+    outcomes_of(manifest, kinds, &lineage, is_done).map(with_family).collect()
 }
 
 /// Every finished result of the last rounds of a run, in the order of its nodes.
 pub fn final_outcomes(manifest: &Manifest, kinds: &[Kind]) -> Vec<Outcome> {
-    outcomes_of(manifest, kinds, |node| node.about.is_last && is_done(node))
+    let is_wanted = |node: &NodeRecord| node.about.is_last && is_done(node);
+    outcomes_of(manifest, kinds, &Lineage::new(manifest, kinds), is_wanted).map(|(_, outcome)| outcome).collect()
 }
 
-fn outcomes_of(manifest: &Manifest, kinds: &[Kind], is_wanted: fn(&NodeRecord) -> bool) -> Vec<Outcome> {
-    let lineage = Lineage::new(manifest, kinds);
-    let done = manifest.nodes.iter().enumerate().filter(|(_, node)| is_wanted(node));
-    done.filter_map(|(id, node)| {
+fn outcomes_of<'a>(
+    manifest: &'a Manifest,
+    kinds: &'a [Kind],
+    lineage: &Lineage<'a>,
+    is_wanted: fn(&NodeRecord) -> bool,
+) -> impl Iterator<Item = (&'a NodeRecord, Outcome)> {
+    let done = manifest.nodes.iter().enumerate().filter(move |(_, node)| is_wanted(node));
+    done.filter_map(move |(id, node)| {
         let kind = kinds.iter().find(|kind| kind.name == node.about.work.kind)?;
-        Some(outcome(manifest, &lineage, id, kind, kind.headline?))
+        Some((node, outcome(manifest, lineage, id, kind, kind.headline?)))
     })
-    .collect()
 }
 
 fn outcome<'a>(
@@ -106,7 +112,7 @@ fn outcome<'a>(
         ceiling: ceiling(node, kind),
         samples: lineage.samples(&upstream),
         recipe: lineage.recipe(&upstream),
-        family: lineage.family(node),
+        family: None,
         key: node.outcome.key,
         output: node.outcome.output,
         metrics: metrics(lineage, node),

@@ -3,7 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{groups::grouped, outcomes::Outcome};
-use crate::{digest::Digest, num::stats::Summary, store::ResultStore};
+use crate::{
+    digest::Digest,
+    num::stats::{Estimate, Summary},
+    store::ResultStore,
+};
 
 /// Models that differ by their seeds alone, with their values of one metric.
 #[derive(Debug, Clone)]
@@ -12,8 +16,6 @@ pub struct Series {
     pub outcomes: Vec<Outcome>,
     /// The metric of each outcome.
     pub values: Vec<f64>,
-    /// Statistics of the values.
-    pub summary: Summary,
 }
 
 /// Pools outcomes over their seeds, or keeps every seed apart. Outcomes come newest run first: where several runs have
@@ -40,8 +42,8 @@ pub fn pooled(
                 values.push(value);
             }
         }
-        if let Some(summary) = Summary::of(&values) {
-            all.push(Series { outcomes: own, values, summary });
+        if !own.is_empty() {
+            all.push(Series { outcomes: own, values });
         }
     }
     Ok(all)
@@ -87,16 +89,26 @@ impl Series {
         &self.outcomes[0]
     }
 
-    /// Statistics of another metric of the same models; `None` where a model lacks it.
+    /// All statistics of the values.
+    pub fn summary(&self) -> Summary {
+        Summary::of(&self.values).expect("a series has a model")
+    }
+
+    /// The mean of the values, and how sure it is.
+    pub fn estimate(&self) -> Estimate {
+        Estimate::of(&self.values)
+    }
+
+    /// The mean of another metric of the same models; `None` where a model lacks it.
     ///
     /// # Errors
     /// The store cannot be read.
-    pub fn summary_of(&self, metric: &str, store: &dyn ResultStore) -> anyhow::Result<Option<Summary>> {
+    pub fn mean_of(&self, metric: &str, store: &dyn ResultStore) -> anyhow::Result<Option<f64>> {
         let mut values = Vec::new();
         for outcome in &self.outcomes {
             values.extend(outcome.metric(metric, store)?);
         }
-        Ok(Summary::of(&values).filter(|summary| summary.n == self.outcomes.len()))
+        Ok((values.len() == self.outcomes.len()).then(|| Estimate::of(&values).mean))
     }
 
     /// The seeds as text: `0 to 4`, or `0, 2, 5`.

@@ -83,7 +83,7 @@ pub fn plan(graph: &Graph, wanted: &[bool], store: &dyn ResultStore, force: &For
         let state = if !wanted[id] {
             None
         } else if let Some(key) = key::of_node(node, |source| output(&plan, source)) {
-            Some(match look_up(&key, force.takes(graph, id), store)? {
+            Some(match look_up(key.digest, force.takes(graph, id), store)? {
                 LookedUp::Hit(entry) => State::Hit(key, entry),
                 LookedUp::Stale(cause) => State::Stale(key, cause),
             })
@@ -106,11 +106,11 @@ pub(super) enum LookedUp {
 }
 
 /// Looks up one key.
-pub(super) fn look_up(key: &Key, takes: Takes, store: &dyn ResultStore) -> anyhow::Result<LookedUp> {
+pub(super) fn look_up(key: Digest, takes: Takes, store: &dyn ResultStore) -> anyhow::Result<LookedUp> {
     if takes == Takes::Nothing {
         return Ok(LookedUp::Stale(Cause::Forced));
     }
-    Ok(match store.find(key.digest)? {
+    Ok(match store.find(key)? {
         Lookup::Hit(entry) if takes == Takes::Recorded && entry.recording.is_none() => {
             LookedUp::Stale(Cause::Unusable("its recording is gone".to_owned()))
         }

@@ -55,8 +55,7 @@ pub fn repair(
     let report = execute::run(store, &runs::folder(scratch), &order, &options, listener)?;
     for old in broken {
         let name = old.about.name.clone();
-        let new = report.nodes.iter().find(|node| node.record.about.name == name);
-        let Some(new) = new else { continue };
+        let Some(new) = report.node(&name) else { continue };
         let why = match (old.outcome.output, new.record.outcome.output) {
             _ if is_whole(old, store) => {
                 repaired.made.push(name);
@@ -66,7 +65,7 @@ pub fn repair(
                 format!("its output came out otherwise: it was {}, now {}", old.short(), new.short())
             }
             (_, Some(_)) => "its recording failed again".to_owned(),
-            (_, None) => new.failure.as_ref().map_or("it did not run", |failure| failure.text()).to_owned(),
+            (_, None) => new.failure.map_or("it did not run", |failure| failure.text()).to_owned(),
         };
         repaired.left.push((name, why));
     }

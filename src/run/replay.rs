@@ -63,7 +63,7 @@ pub fn replay(
     let new_store = LocalStore::open(scratch)?;
     let report = execute::run(&new_store, &runs::folder(scratch), &order, options, listener)?;
     let (mut equal, mut differences, mut unrecorded) = (0, Vec::new(), Vec::new());
-    for new in report.nodes.iter().map(|node| &node.record) {
+    for new in &report.manifest.nodes {
         let Some(old) = manifest.node(&new.about.name) else { continue };
         if !matches!(new.outcome.state, NodeState::Ran | NodeState::Cached) {
             continue;

@@ -82,7 +82,7 @@ pub trait ResultStore: Debug + Sync {
 }
 
 /// The right to make the result of one key; dropping the value gives the right back.
-pub trait KeyLock: Debug + Send {}
+pub trait KeyLock: Debug + Send + Sync {}
 
 /// What a store has for a key.
 #[derive(Debug)]

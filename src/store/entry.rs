@@ -150,17 +150,16 @@ impl Entry {
 
     /// Reads what [`Entry::to_text`] wrote for a key, or says why it cannot be used.
     pub(super) fn from_text(text: &[u8], key: Digest) -> Result<Self, EntryFault> {
-        #[derive(Deserialize)]
-        struct OnDisk {
-            entry: Entry,
-        }
         if sealed::check(text) != Seal::Whole {
             return Err(EntryFault::Damaged);
         }
-        match serde_json::from_slice::<OnDisk>(text) {
-            Ok(OnDisk { entry }) if entry.format != FORMAT => Err(EntryFault::OtherFormat),
-            Ok(OnDisk { entry }) if entry.key_digest != key => Err(EntryFault::OtherKey),
-            Ok(OnDisk { entry }) => Ok(entry),
+        let mut lines = text.split(|&byte| byte == b'\n');
+        let entry = lines.find_map(|line| line.strip_prefix(b"\"entry\":")).unwrap_or_default();
+        // The brace that closes the whole text follows the entry, and is not read.
+        match Self::deserialize(&mut serde_json::Deserializer::from_slice(entry)) {
+            Ok(entry) if entry.format != FORMAT => Err(EntryFault::OtherFormat),
+            Ok(entry) if entry.key_digest != key => Err(EntryFault::OtherKey),
+            Ok(entry) => Ok(entry),
             Err(_) => Err(EntryFault::OtherFormat),
         }
     }

@@ -17,9 +17,14 @@ pub(crate) enum Seal {
 
 /// The text of an object, sealed. The whole text is one JSON object with `check` as its first member.
 pub(crate) fn seal(object: &impl Serialize) -> serde_json::Result<Vec<u8>> {
-    let text = serde_json::to_string_pretty(object)?;
-    let body = format!("{}\n", text.trim_start_matches("{\n"));
-    Ok(with_head(&body).into_bytes())
+    // The first line takes the place of the brace and the line break with which the text begins.
+    let head = head(Digest::of_bytes(&[])).len();
+    let mut text = vec![0; head - OPEN.len()];
+    serde_json::to_writer_pretty(&mut text, object)?;
+    text.push(b'\n');
+    let check = Digest::of_bytes(&text[head..]);
+    text[..head].copy_from_slice(self::head(check).as_bytes());
+    Ok(text)
 }
 
 /// A text whose first line, the beginning of a JSON object, is still missing.
@@ -38,6 +43,9 @@ pub(crate) fn check(text: &[u8]) -> Seal {
 }
 
 const BEGIN: &str = "{\"check\":\"";
+
+/// How the pretty text of an object begins.
+const OPEN: &str = "{\n";
 
 fn head(check: Digest) -> String {
     format!("{BEGIN}{check}\",\n")

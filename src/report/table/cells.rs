@@ -30,7 +30,7 @@ pub fn short(grid: &Grid, about: About<'_>) -> Rows {
     let mut body = Vec::new();
     for (row, name) in grid.rows.iter().enumerate() {
         let cells = || (0..grid.cols.len()).map(|col| grid.at(row, col));
-        let means = cells().map(|cell| cell.map_or_else(String::new, |it| mean(&it.summary)));
+        let means = cells().map(|cell| cell.map_or_else(String::new, |it| mean(it.estimate())));
         body.push(std::iter::once(name.clone()).chain(means).collect());
         let papers = cells().map(|cell| cell.and_then(|it| it.label("paper")).unwrap_or_default().to_owned());
         let papers: Vec<String> = papers.collect();

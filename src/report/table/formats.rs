@@ -57,11 +57,11 @@ fn objects(grid: &Grid, about: About<'_>, store: &dyn ResultStore) -> anyhow::Re
         let series = &cell.series;
         let mut object = statistics(grid, cell, about.metric);
         if about.is_percent_goal() {
-            let mean_of = |metric| anyhow::Ok(series.summary_of(metric, store)?.map(|it| it.mean));
+            let mean_of = |metric| series.mean_of(metric, store);
             object["policy_alone"] = json!(mean_of("policy_alone")?);
             object["percent_goal_t"] = json!(mean_of("percent_goal_t")?);
             object["ceiling"] = json!(series.ceiling());
-            object["share_of_ceiling"] = json!(series.ceiling().map(|it| 100.0 * series.summary.mean / it));
+            object["share_of_ceiling"] = json!(series.ceiling().map(|it| 100.0 * series.estimate().mean / it));
             object["paper"] = json!(series.label("paper"));
         }
         object["models"] = series.outcomes.iter().zip(&series.values).map(|(it, value)| model(it, *value)).collect();
@@ -72,7 +72,7 @@ fn objects(grid: &Grid, about: About<'_>, store: &dyn ResultStore) -> anyhow::Re
 
 fn statistics(grid: &Grid, cell: &Cell, metric: &str) -> Value {
     let series = &cell.series;
-    let (it, summary) = (series.first(), &series.summary);
+    let (it, summary) = (series.first(), series.summary());
     let SampleRange { least, most } = series.samples();
     json!({
         "row": grid.rows[cell.row], "col": grid.cols[cell.col], "metric": metric,

@@ -42,14 +42,14 @@ fn column(name: &str, value: impl Into<String>) -> Column {
 }
 
 fn statistics(series: &Series) -> [Column; 6] {
-    let summary = &series.summary;
+    let summary = series.summary();
     let five = |mean: Mean| {
         let of = if mean.of < FIVE { format!(" (of {})", mean.of) } else { String::new() };
         format!("{}{of}", number(mean.mean))
     };
     let interval = |[low, high]: [f64; 2]| format!("{} to {}", number(low), number(high));
     [
-        column("mean ± s.e. (models)", mean(summary)),
+        column("mean ± s.e. (models)", mean(series.estimate())),
         column("95 % interval", summary.ci95.map_or_else(String::new, interval)),
         column("best", number(summary.best)),
         column("top five", five(summary.top_five)),
@@ -60,11 +60,10 @@ fn statistics(series: &Series) -> [Column; 6] {
 
 /// What is known only of the share of time at the goal.
 fn goal(series: &Series, store: &dyn ResultStore) -> anyhow::Result<[Column; 5]> {
-    let mean_of = |metric| -> anyhow::Result<String> {
-        Ok(series.summary_of(metric, store)?.map_or_else(String::new, |it| number(it.mean)))
-    };
+    let mean_of =
+        |metric| -> anyhow::Result<String> { Ok(series.mean_of(metric, store)?.map_or_else(String::new, number)) };
     let ceiling = series.ceiling();
-    let share = ceiling.map(|ceiling| format!("{:.1} %", 100.0 * series.summary.mean / ceiling));
+    let share = ceiling.map(|ceiling| format!("{:.1} %", 100.0 * series.estimate().mean / ceiling));
     Ok([
         column("policy alone", mean_of("policy_alone")?),
         column("counting T", mean_of("percent_goal_t")?),

@@ -78,29 +78,49 @@ pub struct Report {
     pub path: PathBuf,
     /// How it ended.
     pub state: RunState,
-    /// Every wanted node.
-    pub nodes: Vec<NodeReport>,
     /// The manifest as its folder keeps it.
     pub manifest: Manifest,
+    /// What else became of each node of the manifest.
+    pub ends: Vec<NodeEnd>,
     /// Seconds from start to end.
     pub wall_secs: f64,
 }
 
-/// What became of a node in a run.
+/// What only this run knows of a node.
 #[derive(Debug)]
-pub struct NodeReport {
-    /// The record of the node in the manifest.
-    pub record: NodeRecord,
+pub struct NodeEnd {
     /// Seconds that it worked in this run.
     pub worked_secs: f64,
     /// Why it failed.
     pub failure: Option<Failure>,
 }
 
+/// What became of a node in a run.
+#[derive(Debug, Clone, Copy)]
+pub struct NodeReport<'a> {
+    /// The record of the node in the manifest.
+    pub record: &'a NodeRecord,
+    /// Seconds that it worked in this run.
+    pub worked_secs: f64,
+    /// Why it failed.
+    pub failure: Option<&'a Failure>,
+}
+
 impl Report {
+    /// Every wanted node, inputs first.
+    pub fn nodes(&self) -> impl DoubleEndedIterator<Item = NodeReport<'_>> {
+        let both = self.manifest.nodes.iter().zip(&self.ends);
+        both.map(|(record, end)| NodeReport { record, worked_secs: end.worked_secs, failure: end.failure.as_ref() })
+    }
+
+    /// What became of the node with this name.
+    pub fn node(&self, name: &str) -> Option<NodeReport<'_>> {
+        self.nodes().find(|node| node.record.about.name == name)
+    }
+
     /// How many nodes ended in a state.
     pub fn count(&self, state: NodeState) -> usize {
-        self.nodes.iter().filter(|node| node.record.outcome.state == state).count()
+        self.manifest.nodes.iter().filter(|node| node.outcome.state == state).count()
     }
 }
 

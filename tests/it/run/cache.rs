@@ -186,7 +186,7 @@ fn another_output_of_the_same_key_is_reported_and_the_first_counts() {
     let (first, _) = bench.run(&throw);
     fs::write(&dice, "5").unwrap();
     let (second, ear) = bench.run_with(&throw, &Options { force: Force::All, ..Options::default() });
-    assert_eq!(second.nodes[0].record.outcome.output, first.nodes[0].record.outcome.output);
+    assert_eq!(second.manifest.nodes[0].outcome.output, first.manifest.nodes[0].outcome.output);
     assert!(ear.warnings()[0].starts_with("`add` is not deterministic"), "{:?}", ear.warnings());
     // Once the first is lost, the second takes its place.
     fs::remove_file(bench.object(&first, "throw")).unwrap();
@@ -235,7 +235,7 @@ fn a_full_disk_is_told_and_publishes_nothing() {
     let big = |bytes: u64| graph(&[("big", json!({"ballast": bytes}), &[]), ("next", json!({}), &["big"])]);
     let report = run(&store, &big(2_000_000), &Options::default(), &Ear::default()).unwrap();
     assert_eq!(state(&report, "big"), Failed);
-    let failure = report.nodes[0].failure.clone().unwrap();
+    let failure = report.ends[0].failure.clone().unwrap();
     let Failure::System(text) = failure else { panic!("{failure:?}") };
     assert!(text.contains("No space left on device"), "{text}");
     assert!(text.contains("cannot write") && text.contains("2000000 bytes"), "{text}");

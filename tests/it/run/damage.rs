@@ -72,11 +72,10 @@ fn damage(path: &Path, random: &mut ChaCha12Rng) -> &'static str {
 /// The output and the recording of every node.
 fn made(report: &Report) -> Vec<(String, Option<String>, Option<String>)> {
     let text = |digest: Option<carl_pipe::digest::Digest>| digest.map(|digest| digest.to_string());
-    let row = |node: &carl_pipe::run::execute::NodeReport| {
-        let outcome = &node.record.outcome;
-        (node.record.about.name.clone(), text(outcome.output), text(outcome.recording))
+    let row = |node: &carl_pipe::run::node::NodeRecord| {
+        (node.about.name.clone(), text(node.outcome.output), text(node.outcome.recording))
     };
-    report.nodes.iter().map(row).collect()
+    report.manifest.nodes.iter().map(row).collect()
 }
 
 #[test]

@@ -73,8 +73,8 @@ fn failing(plus: i64) -> Graph {
 
 /// The keys of what a run made or used.
 fn results(report: &Report) -> Vec<Digest> {
-    let done = report.nodes.iter().filter(|node| node.record.outcome.output.is_some());
-    done.filter_map(|node| node.record.outcome.key).collect()
+    let done = report.manifest.nodes.iter().filter(|node| node.outcome.output.is_some());
+    done.filter_map(|node| node.outcome.key).collect()
 }
 
 fn is_served(bench: &Bench, key: Digest) -> bool {

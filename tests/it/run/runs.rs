@@ -42,7 +42,7 @@ fn the_number_of_jobs_changes_no_digest() {
     let (first, _) = one.run_with(&wide(), &Options { jobs: 1, cores: 1, ..Options::default() });
     let (second, _) = many.run_with(&wide(), &Options { jobs: 8, cores: 2, ..Options::default() });
     let digests = |report: &carl_pipe::run::execute::Report| -> Vec<_> {
-        report.nodes.iter().map(|node| (node.record.outcome.output, node.record.outcome.recording)).collect()
+        report.manifest.nodes.iter().map(|node| (node.outcome.output, node.outcome.recording)).collect()
     };
     assert_eq!(digests(&first), digests(&second));
     // Neither do folder, time and number of jobs reach a key.
@@ -61,7 +61,7 @@ fn a_failure_names_its_cause_and_stops_what_has_not_started() {
     let options = Options { jobs: 1, ..Options::default() };
     let (report, _) = bench.run_with(&graph, &options);
     assert_eq!(report.state, RunState::Failed);
-    assert_eq!(report.nodes[0].failure.as_ref().unwrap().text(), "cannot add: no numbers");
+    assert_eq!(report.ends[0].failure.as_ref().unwrap().text(), "cannot add: no numbers");
     assert_eq!((state(&report, "bad"), state(&report, "after"), state(&report, "apart")), (Failed, Pending, Pending));
     let (report, _) = bench.run_with(&graph, &Options { keep_going: true, ..options });
     assert_eq!((state(&report, "after"), state(&report, "apart")), (Pending, Ran));
@@ -73,7 +73,7 @@ fn a_panic_fails_only_its_node() {
     let bench = Bench::new();
     let graph = graph(&[("bad", json!({"behaviour": "panic:off by one"}), &[]), ("good", json!({"ticks": 5}), &[])]);
     let (report, _) = bench.run_with(&graph, &Options { keep_going: true, ..Options::default() });
-    let text = report.nodes[0].failure.as_ref().unwrap().text();
+    let text = report.ends[0].failure.as_ref().unwrap().text();
     assert!(text.starts_with("panicked at tests/it/support/run.rs:") && text.ends_with(": off by one"), "{text}");
     assert_eq!(state(&report, "good"), Ran);
 }

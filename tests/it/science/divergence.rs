@@ -153,7 +153,7 @@ inputs = { model = "represent", agent = "control" }
     let (report, ear) = bench.run(&graph);
     assert_eq!(ear.ran(), ["data", "represent"]);
     assert_eq!(["control", "evaluate"].map(|node| state(&report, node)), [NodeState::Failed, NodeState::Pending]);
-    let failed = format!("{:?}", report.nodes.iter().find_map(|node| node.failure.as_ref()));
+    let failed = format!("{:?}", report.nodes().find_map(|node| node.failure));
     assert!(failed.contains("diverged in step ") && failed.contains("`critic_learning_rate` = 1e6"), "{failed}");
     let again = bench.run(&graph).1;
     assert_eq!(again.ran(), [""; 0], "the same is not computed twice, and nothing was published");

@@ -215,7 +215,7 @@ pub fn count(trace: &Path) -> usize {
 
 /// The record of a node.
 pub fn record<'a>(report: &'a Report, node: &str) -> &'a NodeRecord {
-    &report.nodes.iter().find(|it| it.record.about.name == node).unwrap().record
+    report.node(node).unwrap().record
 }
 
 /// The state of a node.

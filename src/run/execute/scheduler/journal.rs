@@ -18,7 +18,7 @@ use crate::{
     run::{
         events::{Event, Events, NodeState, RunState},
         execute::{
-            NodeReport, Report,
+            NodeEnd, Report,
             recording::{link_name, live_name},
         },
         manifest::Manifest,
@@ -185,17 +185,13 @@ impl<'a> Journal<'a> {
         // A run in which no node worked has nothing that a power cut could take.
         self.write_manifest(self.written.is_some())?;
         self.warn_of_unrecorded();
-        let reports = nodes.iter().flatten().map(|node| NodeReport {
-            record: self.manifest.nodes[node.row].clone(),
-            worked_secs: node.worked_secs,
-            failure: node.failure().cloned(),
-        });
+        let end = |node: &NodeRun| NodeEnd { worked_secs: node.worked_secs, failure: node.failure().cloned() };
         let report = Report {
             run: self.dir.id.clone(),
             path: self.dir.path.clone(),
             state: self.manifest.state,
-            nodes: reports.collect(),
             manifest: self.manifest,
+            ends: nodes.iter().flatten().map(end).collect(),
             wall_secs: self.events.elapsed_secs(),
         };
         self.events.emit(&Event::RunFinished {

@@ -4,7 +4,7 @@ mod journal;
 mod node_run;
 mod queues;
 
-use std::{sync::atomic::Ordering, time::Duration};
+use std::{collections::BTreeSet, sync::atomic::Ordering, time::Duration};
 
 use rayon::prelude::*;
 
@@ -23,7 +23,7 @@ use crate::{
         plan::{LookedUp, Takes, look_up},
         runs::RunDir,
     },
-    store::{Entry, Key, KeyLock, Published, ResultStore},
+    store::{Entry, KeyLock, Published, ResultStore},
 };
 use journal::Journal;
 use node_run::{NodeRun, Phase};
@@ -36,13 +36,7 @@ const REPAIRS: u32 = 2;
 const POLL: Duration = Duration::from_millis(25);
 
 /// From this many keys on, look-ups use all cores.
-const MANY: usize = 256;
-
-/// Looks keys up.
-fn look_up_all(wanted: &[(NodeId, Key, Takes)], store: &dyn ResultStore) -> anyhow::Result<Vec<LookedUp>> {
-    let look_up = |(_, key, takes): &(NodeId, Key, Takes)| look_up(key, *takes, store);
-    if wanted.len() < MANY { wanted.iter().map(look_up).collect() } else { wanted.par_iter().map(look_up).collect() }
-}
+const MANY: usize = 64;
 
 /// A run in progress.
 pub(super) struct Scheduler<'a> {
@@ -53,6 +47,8 @@ pub(super) struct Scheduler<'a> {
     /// One for each node of the graph; `None` for nodes that are not wanted.
     nodes: Vec<Option<NodeRun>>,
     queues: Queues,
+    /// The keys that this run has made.
+    made: BTreeSet<Digest>,
 }
 
 impl<'a> Scheduler<'a> {
@@ -68,7 +64,8 @@ impl<'a> Scheduler<'a> {
         let nodes = order.wanted.iter().map(|&wanted| if wanted { rows.next().map(NodeRun::new) } else { None });
         let nodes = nodes.collect();
         let queues = Queues::new(order);
-        Self { store, order, options, journal: Journal::new(store, events, dir, manifest), nodes, queues }
+        let journal = Journal::new(store, events, dir, manifest);
+        Self { store, order, options, journal, nodes, queues, made: BTreeSet::new() }
     }
 
     /// Runs every wanted node that can run.
@@ -110,20 +107,17 @@ impl<'a> Scheduler<'a> {
     /// Looks up every node whose inputs have become known. A hit may make further keys known.
     fn look_up_waiting(&mut self) -> anyhow::Result<()> {
         loop {
-            let mut wanted = Vec::new();
-            for id in self.queues.take_to_look_up() {
-                if let Some(Phase::Waiting) = self.nodes[id].as_ref().map(|node| &node.phase)
-                    && let Some(key) = self.key(id)
-                {
-                    let takes = self.takes(id, &key);
-                    wanted.push((id, key, takes));
-                }
-            }
-            if wanted.is_empty() {
+            let ids: Vec<NodeId> = self.queues.take_to_look_up().into_iter().collect();
+            if ids.is_empty() {
                 return Ok(());
             }
-            let found = look_up_all(&wanted, self.store)?;
-            for ((id, key, _), found) in wanted.into_iter().zip(found) {
+            let look_up = |&id: &NodeId| self.look_up_if_waiting(id).transpose();
+            let found: Vec<(NodeId, Digest, LookedUp)> = if ids.len() < MANY {
+                ids.iter().filter_map(look_up).collect::<anyhow::Result<_>>()?
+            } else {
+                ids.par_iter().filter_map(look_up).collect::<anyhow::Result<_>>()?
+            };
+            for (id, key, found) in found {
                 match found {
                     LookedUp::Hit(entry) => self.take_hit(id, entry),
                     LookedUp::Stale(_) => self.set(id, Phase::Ready(key)),
@@ -132,9 +126,16 @@ impl<'a> Scheduler<'a> {
         }
     }
 
+    /// Looks up a node that waits and whose inputs are known.
+    fn look_up_if_waiting(&self, id: NodeId) -> anyhow::Result<Option<(NodeId, Digest, LookedUp)>> {
+        let waits = self.nodes[id].as_ref().is_some_and(|node| matches!(node.phase, Phase::Waiting));
+        let Some(key) = self.key(id).filter(|_| waits) else { return Ok(None) };
+        Ok(Some((id, key, look_up(key, self.takes(id, key), self.store)?)))
+    }
+
     /// The key of a node, once all its inputs are done.
-    fn key(&self, id: NodeId) -> Option<Key> {
-        key::of_node(&self.order.graph.nodes[id], |source| self.entry(source).map(|entry| entry.output))
+    fn key(&self, id: NodeId) -> Option<Digest> {
+        key::digest_of_node(&self.order.graph.nodes[id], |source| self.entry(source).map(|entry| entry.output))
     }
 
     /// Moves a node to another phase.
@@ -146,13 +147,8 @@ impl<'a> Scheduler<'a> {
     }
 
     /// Which results of the store a node takes. A forced key is made once in a run.
-    fn takes(&self, id: NodeId, key: &Key) -> Takes {
-        if self.has_made(key.digest) { Takes::Any } else { self.options.force.takes(self.order.graph, id) }
-    }
-
-    /// Whether this run has made a key.
-    fn has_made(&self, key: Digest) -> bool {
-        self.nodes.iter().flatten().any(|node| node.made == Some(key))
+    fn takes(&self, id: NodeId, key: Digest) -> Takes {
+        if self.made.contains(&key) { Takes::Any } else { self.options.force.takes(self.order.graph, id) }
     }
 
     fn may_start(&self) -> bool {
@@ -169,17 +165,16 @@ impl<'a> Scheduler<'a> {
         let mut last = None;
         while let Some(id) = self.queues.ready_after(last).filter(|_| room > 0 && self.may_start()) {
             last = Some(id);
-            let Some(Phase::Ready(key)) = self.nodes[id].as_ref().map(|node| &node.phase) else { continue };
-            if self.queues.works_on(key.digest) {
+            let Some(&Phase::Ready(key)) = self.nodes[id].as_ref().map(|node| &node.phase) else { continue };
+            if self.queues.works_on(key) {
                 continue;
             }
-            let key = key.clone();
-            let Some(lock) = self.store.try_lock(key.digest)? else {
-                self.say_waiting(id, key.digest);
+            let Some(lock) = self.store.try_lock(key)? else {
+                self.say_waiting(id, key);
                 continue;
             };
             // Another node or process may have made the key since it was looked up.
-            match look_up(&key, self.takes(id, &key), self.store)? {
+            match look_up(key, self.takes(id, key), self.store)? {
                 LookedUp::Hit(entry) => {
                     self.take_hit(id, entry);
                     has_hits = true;
@@ -196,7 +191,7 @@ impl<'a> Scheduler<'a> {
     fn start(
         &mut self,
         id: NodeId,
-        key: Key,
+        key: Digest,
         lock: Box<dyn KeyLock>,
         executor: &mut dyn Executor,
     ) -> anyhow::Result<()> {
@@ -232,8 +227,8 @@ impl<'a> Scheduler<'a> {
 
     fn take_hit(&mut self, id: NodeId, entry: Box<Entry>) {
         // A node that ran and whose output was made again counts as one that ran.
-        let has_run = self.nodes[id].as_ref().is_some_and(|node| node.made.is_some());
-        let state = if has_run && self.has_made(entry.key_digest) { NodeState::Ran } else { NodeState::Cached };
+        let has_run = self.nodes[id].as_ref().is_some_and(|node| node.has_run);
+        let state = if has_run && self.made.contains(&entry.key_digest) { NodeState::Ran } else { NodeState::Cached };
         self.take_output(id, entry, 0.0, state);
     }
 
@@ -262,8 +257,9 @@ impl<'a> Scheduler<'a> {
             let text = format!("`{kind}` is not deterministic: the same key made {first} and now {other}");
             self.journal.warn(&node.name, text);
         }
+        self.made.insert(entry.key_digest);
         if let Some(node) = &mut self.nodes[id] {
-            node.made = Some(entry.key_digest);
+            node.has_run = true;
         }
         self.take_output(id, Box::new(entry), secs, NodeState::Ran);
     }
@@ -274,7 +270,7 @@ impl<'a> Scheduler<'a> {
         self.queues.enter(id, &phase);
         if let Phase::Running { key, .. } = std::mem::replace(&mut node.phase, phase) {
             node.worked_secs = secs;
-            self.journal.end_without_output(&self.order.graph.nodes[id], node, key.digest);
+            self.journal.end_without_output(&self.order.graph.nodes[id], node, key);
         }
     }
 

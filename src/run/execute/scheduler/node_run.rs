@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::{
     digest::Digest,
     run::{events::NodeState, execute::Failure},
-    store::{Entry, Holder, Key, KeyLock},
+    store::{Entry, Holder, KeyLock},
 };
 
 /// The least time between two questions about who holds a lock.
@@ -47,8 +47,8 @@ pub(super) struct NodeRun {
     pub(super) row: usize,
     /// Seconds that it worked in this run.
     pub(super) worked_secs: f64,
-    /// The key that it made in this run.
-    pub(super) made: Option<Digest>,
+    /// Whether it made an output in this run.
+    pub(super) has_run: bool,
     /// How often its output was found damaged in this run.
     repairs: u32,
     /// What the user was told about a process that works on its key.
@@ -61,9 +61,9 @@ pub(super) enum Phase {
     /// An input is missing.
     Waiting,
     /// All inputs are there. It starts as soon as there is room, and no other process works on its key.
-    Ready(Key),
+    Ready(Digest),
     /// It works. The lock keeps other processes from working on the same key.
-    Running { key: Key, _lock: Box<dyn KeyLock> },
+    Running { key: Digest, _lock: Box<dyn KeyLock> },
     /// Its output is in the store.
     Done(Box<Entry>),
     /// It failed.
@@ -75,7 +75,7 @@ pub(super) enum Phase {
 impl NodeRun {
     /// A node that waits.
     pub(super) fn new(row: usize) -> Self {
-        Self { phase: Phase::Waiting, row, worked_secs: 0.0, made: None, repairs: 0, waiting: Waiting::default() }
+        Self { phase: Phase::Waiting, row, worked_secs: 0.0, has_run: false, repairs: 0, waiting: Waiting::default() }
     }
 
     /// The entry of its output.

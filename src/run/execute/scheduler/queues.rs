@@ -50,7 +50,7 @@ impl Queues {
         match phase {
             Phase::Waiting => _ = self.to_look_up.insert(id),
             Phase::Ready(_) => _ = self.ready.insert(id),
-            Phase::Running { key, .. } => _ = self.working.insert(id, key.digest),
+            Phase::Running { key, .. } => _ = self.working.insert(id, *key),
             Phase::Done(_) => self.to_look_up.extend(&self.takers[id]),
             Phase::Failed(_) => _ = self.failed.insert(id),
             Phase::Stopped => {}
