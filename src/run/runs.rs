@@ -7,6 +7,7 @@
 
 mod find;
 mod list;
+mod numbers;
 
 use std::{
     fs::{self, File},
@@ -50,14 +51,16 @@ impl RunDir {
     /// Makes the folder of a new run below `runs`.
     pub(crate) fn create(runs: &Path) -> anyhow::Result<Self> {
         fs::create_dir_all(runs).with_context(|| format!("cannot make {}", runs.display()))?;
-        let number = list(runs)?.first().and_then(|newest| newest.number).unwrap_or(0) + 1;
         let mut salt = std::process::id();
         loop {
             let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
             let id = run_id(now.as_millis() as u64, (salt ^ now.subsec_nanos()) & 0xffff);
             let path = runs.join(&id);
             match Self::make(&path, &runs.join(format!("{FRESH_RUN}{id}"))) {
-                Ok(alive) => return Ok(Self { id, path, number, _alive: alive }),
+                Ok(alive) => {
+                    let number = numbers::take(runs, &id)?;
+                    return Ok(Self { id, path, number, _alive: alive });
+                }
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => salt = salt.wrapping_add(1),
                 Err(error) => return Err(error).with_context(|| format!("cannot make {}", path.display())),
             }
@@ -145,6 +148,41 @@ mod tests {
         assert_eq!(run_id(1_785_681_301_123, 0x7f), "20260802-143501-123-007f");
         assert_eq!(run_id(u64::MAX, 0), "99991231-235959-615-0000");
         assert!(is_id(&run_id(0, 0xffff)) && is_id(&run_id(u64::MAX, 0)));
+    }
+
+    #[test]
+    fn runs_that_start_at_once_have_different_numbers_and_none_is_used_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let start = || RunDir::create(folder.path()).unwrap();
+        let started: Vec<RunDir> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..8).map(|_| scope.spawn(|| (0..4).map(|_| start()).collect::<Vec<_>>())).collect();
+            threads.into_iter().flat_map(|thread| thread.join().unwrap()).collect()
+        });
+        let mut numbers: Vec<u64> = started.iter().map(|run| run.number).collect();
+        numbers.sort_unstable();
+        assert_eq!(numbers, (1..=32).collect::<Vec<u64>>());
+        let newest = started.iter().max_by_key(|run| run.number).unwrap();
+        assert_eq!(list(folder.path()).unwrap()[0].id, newest.id);
+        fs::remove_dir_all(&newest.path).unwrap();
+        assert_eq!(start().number, 33);
+    }
+
+    #[test]
+    fn a_damaged_list_of_numbers_leaves_the_numbers_that_runs_have_themselves() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunDir::create(folder.path()).unwrap();
+        let event = r#"{"event":"run_started","number":7,"pipeline":"p"}"#;
+        fs::write(run.path.join("events.jsonl"), event).unwrap();
+        let numbers = folder.path().join("numbers");
+        for damaged in
+            ["", "\u{0}\u{ff}", "x 20260802-143501-123-007f\n12", "99999999999999999999 20260802-143501-123-007f\n"]
+        {
+            fs::write(&numbers, damaged).unwrap();
+            assert_eq!(list(folder.path()).unwrap()[0].number, Some(7), "{damaged:?}");
+            let next = RunDir::create(folder.path()).unwrap();
+            assert_eq!((next.number, list(folder.path()).unwrap()[0].number), (8, Some(8)), "{damaged:?}");
+            fs::remove_dir_all(&next.path).unwrap();
+        }
     }
 
     #[test]

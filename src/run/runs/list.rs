@@ -8,6 +8,7 @@ use std::{
 
 use anyhow::Context as _;
 
+use super::numbers::{self, Numbers};
 use crate::run::{
     events::Event,
     manifest::{Manifest, Unreadable},
@@ -27,6 +28,11 @@ pub struct Found {
 /// # Errors
 /// The folder cannot be read.
 pub fn list(runs: &Path) -> anyhow::Result<Vec<Found>> {
+    list_with(runs, &numbers::read(runs))
+}
+
+/// All runs, newest first; `numbers` spares reading those that it holds.
+pub(super) fn list_with(runs: &Path, numbers: &Numbers) -> anyhow::Result<Vec<Found>> {
     let items = match fs::read_dir(runs) {
         Ok(items) => items,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -37,8 +43,11 @@ pub fn list(runs: &Path) -> anyhow::Result<Vec<Found>> {
         let item = item.with_context(|| format!("cannot read {}", runs.display()))?;
         let id = item.file_name().into_string().ok().filter(|name| is_id(name));
         let is_folder = item.file_type().is_ok_and(|kind| kind.is_dir());
-        if let Some(id) = id.filter(|_| is_folder && is_of_a_run(&item.path())) {
-            found.push(Found { number: number(&item.path()), id });
+        let Some(id) = id.filter(|_| is_folder) else { continue };
+        match numbers.get(&id) {
+            Some(&number) => found.push(Found { number: Some(number), id }),
+            None if is_of_a_run(&item.path()) => found.push(Found { number: number(&item.path()), id }),
+            None => {}
         }
     }
     found.sort_unstable_by(|one, other| other.cmp(one));
@@ -60,8 +69,7 @@ fn number(run_dir: &Path) -> Option<u64> {
         Event::RunStarted { number, .. } => number,
         _ => None,
     });
-    // A larger one is damage, and would leave no number for the next run.
-    number.filter(|&number| number < 1 << 53)
+    number.filter(|&number| number < numbers::MOST)
 }
 
 /// The pipeline of a run as its events have it.

@@ -1,0 +1,51 @@
+//! The numbers that runs have taken: one line of `numbers` for each, with the number and the id. A run takes its number
+//! under a lock, so no two runs have the same. With this file, the order of runs is known without reading each of them.
+
+use std::{
+    collections::BTreeMap,
+    fs::OpenOptions,
+    io::{Read as _, Write as _},
+    path::Path,
+};
+
+use anyhow::Context as _;
+
+use super::list::{is_id, list_with};
+
+/// The file in the folder of the runs.
+const FILE: &str = "numbers";
+
+/// A larger number is damage, and would leave none for the next run.
+pub(super) const MOST: u64 = 1 << 53;
+
+/// The numbers of runs by their ids. A run that is missing, such as one of another folder, has its number in its own
+/// files, too.
+pub(super) type Numbers = BTreeMap<String, u64>;
+
+/// The numbers that are written down. Lines that are damaged are left out.
+pub(super) fn read(runs: &Path) -> Numbers {
+    parse(&std::fs::read(runs.join(FILE)).unwrap_or_default())
+}
+
+/// Takes a number for a run: one above the highest of all runs before it.
+pub(super) fn take(runs: &Path, id: &str) -> anyhow::Result<u64> {
+    let path = runs.join(FILE);
+    let cannot_take = || format!("cannot take a number from {}", path.display());
+    let mut file = OpenOptions::new().read(true).append(true).create(true).open(&path).with_context(cannot_take)?;
+    file.lock().with_context(cannot_take)?;
+    let mut text = Vec::new();
+    file.read_to_end(&mut text).with_context(cannot_take)?;
+    let numbers = parse(&text);
+    let newest = list_with(runs, &numbers)?.first().and_then(|newest| newest.number);
+    let number = newest.max(numbers.values().copied().max()).unwrap_or(0) + 1;
+    // A line that a full disk cut short ends here.
+    let ended = if text.last().is_some_and(|&byte| byte != b'\n') { "\n" } else { "" };
+    file.write_all(format!("{ended}{number} {id}\n").as_bytes()).with_context(cannot_take)?;
+    Ok(number)
+}
+
+fn parse(text: &[u8]) -> Numbers {
+    let lines = text.split(|&byte| byte == b'\n').filter_map(|line| std::str::from_utf8(line).ok()?.split_once(' '));
+    let pairs = lines.filter_map(|(number, id)| Some((id.to_owned(), number.parse().ok()?)));
+    pairs.filter(|(id, number)| is_id(id) && *number < MOST).collect()
+}
