@@ -15,6 +15,7 @@ use super::{
 };
 use crate::{
     run::{
+        holdings::{Holding, Holdings},
         manifest::Manifest,
         repair::{Repaired, repair},
         runs,
@@ -77,10 +78,11 @@ pub(crate) fn verify_verb(global: &Global, args: &Args, kinds: &'static [Kind]) 
         };
         if !args.json {
             print_repaired(&done, &left);
+            help(&left, true, global, &store)?;
         }
         repaired = Some((done, left));
     } else if !args.json {
-        help(&found.problems, false);
+        help(&found.problems, false, global, &store)?;
     }
     if args.json {
         out::json(&json_of(&found, secs, repaired.as_ref()));
@@ -132,15 +134,32 @@ fn repair_all(
 }
 
 /// Says what to do about problems that a repair has not seen, or has left.
-fn help(problems: &[Problem], is_repaired: bool) {
+fn help(problems: &[Problem], is_repaired: bool, global: &Global, store: &LocalStore) -> Result<(), Error> {
     let (manifests, results): (Vec<_>, Vec<_>) = problems.iter().partition(|problem| problem.what == "manifest");
     let help = out::bold("help:");
     if !results.is_empty() && !is_repaired {
         out::note(&format!("  = {help} `carl-pipe verify --repair` makes it again"));
     }
-    if !manifests.is_empty() {
-        out::note(&format!("  = {help} a manifest cannot be made again; `carl-pipe gc --drop RUN` removes its run"));
+    if manifests.is_empty() {
+        return Ok(());
     }
+    let holdings = Holdings::read(store, &global.runs())?;
+    for run in manifests.iter().filter_map(|problem| problem.run.as_ref()) {
+        let Some(holding) = holdings.runs.iter().find(|holding| holding.id == *run) else { continue };
+        out::note(&format!("  = {help} {}", of_lost_manifest(holding)));
+    }
+    Ok(())
+}
+
+/// What is left of a run whose manifest cannot be read, and what to do.
+fn of_lost_manifest(run: &Holding) -> String {
+    let Holding { id, pipeline, results, .. } = run;
+    let of = pipeline.as_ref().map_or_else(String::new, |name| format!(" of `{name}`"));
+    let left = match results.len() {
+        0 => "none of its results is left".to_owned(),
+        count => format!("{count} of its results are left, and `carl-pipe run` of its file takes them into a new run"),
+    };
+    format!("the manifest of run {id}{of} cannot be made again; {left}; `carl-pipe gc --drop {id}` removes the run")
 }
 
 fn count(problems: &[Problem]) -> String {
@@ -185,7 +204,6 @@ fn print_repaired(repaired: &Repaired, left: &[Problem]) {
     out::print(&out::table(&left.iter().map(row).collect::<Vec<_>>()));
     let text = if left.is_empty() { "all whole".to_owned() } else { format!("{} left", count(left)) };
     out::line(&out::bold(&format!("made {} nodes again: {text}", repaired.made.len())));
-    help(left, true);
 }
 
 fn json_of(found: &Verified, secs: f64, repaired: Option<&(Repaired, Vec<Problem>)>) -> Value {

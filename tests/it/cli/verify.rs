@@ -77,13 +77,17 @@ fn what_no_run_uses_is_set_aside() {
 #[test]
 fn a_damaged_manifest_is_named_with_what_can_be_done() {
     let toy = Toy::new();
-    toy.run("run toy.toml");
+    let run = toy.run("run toy.toml --json").json()["run"].as_str().unwrap().to_owned();
     fs::write(toy.path("artifacts/runs/latest/manifest.json"), "{").unwrap();
     for words in ["verify", "verify --repair"] {
         let found = toy.run(words);
         assert_eq!(found.code, Some(5), "{found:?}");
         assert!(found.out.starts_with("damaged  manifest   run 20") && found.out.contains("1 problem"), "{found:?}");
-        assert!(found.err.contains("`carl-pipe gc --drop RUN` removes its run"), "{found:?}");
+        let told = format!(
+            "the manifest of run {run} of `toy` cannot be made again; 7 of its results are left, and `carl-pipe run` of its \
+             file takes them into a new run; `carl-pipe gc --drop {run}` removes the run"
+        );
+        assert!(found.err.contains(&told), "{found:?}");
         assert!(!found.err.contains("makes it again"), "{found:?}");
     }
 }
