@@ -51,7 +51,7 @@ pub static TASK: TaskKind = TaskKind {
     paper_online: |_| None,
 };
 
-fn spec(task: &Task) -> Spec {
+pub fn spec(task: &Task) -> Spec {
     Spec {
         frames: Frames { height: HEIGHT, width: WIDTH, count: 1 },
         action_limit: vec![task.number("push")],

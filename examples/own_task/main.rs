@@ -11,12 +11,12 @@ use carl_pipe::{cli, env, stage};
 
 fn main() -> ExitCode {
     let argv: Vec<OsString> = std::env::args_os().collect();
+    env::add_to_registry(&[&corridor::TASK]);
     cli::main(&argv, kinds()).into()
 }
 
-/// Makes the own task known, and gives all kinds of stages.
+/// All kinds of stages.
 fn kinds() -> &'static [stage::Kind] {
-    env::add_to_registry(&[&corridor::TASK]);
     stage::registry_with(vec![stage::Kind::of::<count_lit::CountLit>()])
 }
 
@@ -24,9 +24,20 @@ fn kinds() -> &'static [stage::Kind] {
 mod tests {
     use super::*;
 
+    /// A task without goals.
+    static NOWHERE: env::TaskKind = env::TaskKind {
+        name: "nowhere",
+        world: env::World::Simulator {
+            spec: |task| env::Spec { goals: 0, ..corridor::spec(task) },
+            open: |_| anyhow::bail!("nobody opens it"),
+        },
+        ..corridor::TASK
+    };
+
     /// One test, since tasks can be added once in a process.
     #[test]
     fn an_own_task_and_an_own_kind_run_in_a_pipeline() {
+        env::add_to_registry(&[&NOWHERE, &corridor::TASK]);
         let (kinds, folder) = (kinds(), tempfile::tempdir().unwrap());
         let run = |more: &[&str]| {
             let words = ["carl-pipe", "run", "examples/own_task/pipeline.toml", "-q", "--artifacts"];
@@ -40,5 +51,6 @@ mod tests {
         // The simulator does not draw states, and it has no controller on true states.
         assert_ne!(run(&["-S", "bootstrap.trajectory=1"]), 0);
         assert_ne!(run(&["-S", "evaluate.controller=oracle"]), 0);
+        assert_eq!(run(&["-S", "task.env=nowhere"]), 3, "a task that cannot run is a mistake of the file");
     }
 }

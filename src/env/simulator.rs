@@ -44,6 +44,23 @@ pub struct Spec {
     pub goal_radius: f64,
 }
 
+impl Spec {
+    /// Why no episode of the task could run; `None` where nothing stands in the way.
+    pub fn mistake(&self) -> Option<&'static str> {
+        let Self { frames, action_limit, horizon, goals, goal_radius } = self;
+        let is_above_zero = |number: &f64| number.is_finite() && *number > 0.0;
+        match () {
+            () if frames.count * frames.pixels() == 0 => Some("its observations have no pixel"),
+            () if action_limit.is_empty() => Some("its actions have no component"),
+            () if !action_limit.iter().all(is_above_zero) => Some("a limit of its actions is not above 0"),
+            () if *horizon == 0 => Some("its episodes have no step"),
+            () if *goals == 0 => Some("it has no goal"),
+            () if !is_above_zero(goal_radius) => Some("the radius of its goals is not above 0"),
+            () => None,
+        }
+    }
+}
+
 /// Where the simulated system is. It holds true states, so nothing that learns may read it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -96,5 +113,38 @@ pub trait Simulator: Send {
     /// If the simulator cannot be put into a given state.
     fn restore(&mut self, _: &Snapshot, _goal: usize) -> anyhow::Result<()> {
         anyhow::bail!("this simulator cannot be put into a given state")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::env::{Task, registry};
+
+    #[test]
+    fn a_spec_under_which_no_episode_could_run_is_named() {
+        let sound = Spec {
+            frames: Frames { height: 2, width: 3, count: 1 },
+            action_limit: vec![1.0],
+            horizon: 1,
+            goals: 1,
+            goal_radius: 0.5,
+        };
+        assert_eq!(sound.mistake(), None);
+        let blind = Frames { count: 0, ..sound.frames };
+        for (spec, why) in [
+            (Spec { frames: blind, ..sound.clone() }, "its observations have no pixel"),
+            (Spec { action_limit: vec![], ..sound.clone() }, "its actions have no component"),
+            (Spec { action_limit: vec![1.0, f64::NAN], ..sound.clone() }, "a limit of its actions is not above 0"),
+            (Spec { horizon: 0, ..sound.clone() }, "its episodes have no step"),
+            (Spec { goals: 0, ..sound.clone() }, "it has no goal"),
+            (Spec { goal_radius: 0.0, ..sound.clone() }, "the radius of its goals is not above 0"),
+        ] {
+            assert_eq!(spec.mistake(), Some(why));
+        }
+        for kind in registry() {
+            let task: Task = serde_json::from_value(serde_json::json!({ "env": kind.name })).unwrap();
+            assert_eq!(task.spec().mistake(), None, "{}", kind.name);
+        }
     }
 }

@@ -36,6 +36,17 @@ pub struct InputFiles<'a> {
     pub by_port: std::collections::BTreeMap<&'static str, Vec<&'a Files>>,
 }
 
+impl InputFiles<'_> {
+    /// The bytes of all files. An artifact takes about as many in memory.
+    ///
+    /// # Errors
+    /// A file cannot be looked at.
+    pub(super) fn bytes(&self) -> anyhow::Result<u64> {
+        let all = self.by_port.values().flatten().flat_map(|files| files.iter());
+        all.map(|(_, content)| Ok(content.size()?)).sum()
+    }
+}
+
 /// A field of an `inputs!` struct: `T`, `Option<T>` or `Vec<T>` for an artifact `T`.
 pub trait PortField: Sized {
     /// How many artifacts it takes.

@@ -90,9 +90,7 @@ fn check<P: Params>(params: &P, task: &Task) -> Vec<Refusal> {
 /// Runs a stage on a machine with memory for it. Neither its headline metric nor its files hold a number that is not finite.
 fn run<S: Stage>(params: &Value, inputs: &InputFiles<'_>, cx: &mut StageCx<'_>) -> anyhow::Result<Files> {
     let typed: S::Params = serde_json::from_value(params.clone())?;
-    if let Some(memory) = typed.memory(&network_sizes(cx.task)) {
-        memory.must_fit(memory::of_this_machine())?;
-    }
+    memory::must_fit(typed.memory(&network_sizes(cx.task)), inputs.bytes()?, memory::of_this_machine())?;
     let inputs = S::Inputs::load(inputs)?;
     let made = S::run(&typed, inputs, cx);
     let output = made.map_err(|error| divergence::with_cause::<S::Params>(error, params, cx.task))?;

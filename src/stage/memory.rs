@@ -24,19 +24,27 @@ impl Memory {
         let why = || format!("needs about {}; the most is {}", gib(self.bytes), gib(MOST_MEMORY));
         (self.bytes > MOST_MEMORY).then(|| Refusal::new(self.path, why()))
     }
+}
 
-    /// Refuses more than a machine has. Without this, the system would end the process once the memory is full.
-    pub(super) fn must_fit(self, machine: Option<u64>) -> anyhow::Result<()> {
-        let machine = machine.unwrap_or(u64::MAX);
-        let Self { path, bytes } = self;
-        ensure!(
-            bytes <= machine,
-            "`{path}` needs about {} of memory; this machine has {}: lower the parameter",
-            gib(bytes),
-            gib(machine)
-        );
-        Ok(())
-    }
+/// Refuses parameters and inputs that together need more than a machine has. Without this, the system would end the
+/// process once the memory is full.
+pub(super) fn must_fit(asked: Option<Memory>, inputs: u64, machine: Option<u64>) -> anyhow::Result<()> {
+    let machine = machine.unwrap_or(u64::MAX);
+    ensure!(
+        inputs <= machine,
+        "the inputs need about {} of memory; this machine has {}: make smaller inputs",
+        gib(inputs),
+        gib(machine)
+    );
+    let Some(Memory { path, bytes }) = asked else { return Ok(()) };
+    ensure!(
+        inputs.saturating_add(bytes) <= machine,
+        "`{path}` needs about {} of memory beside {} of inputs; this machine has {}: lower the parameter",
+        gib(bytes),
+        gib(inputs),
+        gib(machine)
+    );
+    Ok(())
 }
 
 /// The memory of this machine in bytes; `None` where the system does not tell.
@@ -68,11 +76,17 @@ mod tests {
         let memory = |bytes| Memory { path: "samples", bytes };
         assert_eq!(memory(MOST_MEMORY).refusal(), None);
         assert_eq!(memory(96 << 30).refusal().unwrap().why, "needs about 96.0 GiB; the most is 64.0 GiB");
-        assert!(memory(3 << 30).must_fit(None).is_ok() && memory(3 << 30).must_fit(Some(3 << 30)).is_ok());
-        let refused = memory(5 << 29).must_fit(Some(2 << 30)).unwrap_err();
+        let refusal = |asked, inputs, machine| must_fit(asked, inputs, machine).err().map(|error| error.to_string());
+        let asked = Some(memory(3 << 30));
+        assert_eq!(refusal(asked, 9 << 30, None), None);
+        assert_eq!(refusal(asked, 1 << 30, Some(4 << 30)), None);
         assert_eq!(
-            refused.to_string(),
-            "`samples` needs about 2.5 GiB of memory; this machine has 2.0 GiB: lower the parameter"
+            refusal(asked, 1 << 30, Some(7 << 29)).unwrap(),
+            "`samples` needs about 3.0 GiB of memory beside 1.0 GiB of inputs; this machine has 3.5 GiB: lower the parameter"
+        );
+        assert_eq!(
+            refusal(None, 3 << 30, Some(2 << 30)).unwrap(),
+            "the inputs need about 3.0 GiB of memory; this machine has 2.0 GiB: make smaller inputs"
         );
         assert!(of_this_machine().is_some_and(|bytes| bytes > 1 << 28));
     }

@@ -40,6 +40,18 @@ impl Content {
 }
 
 impl Content {
+    /// The number of bytes.
+    ///
+    /// # Errors
+    /// The file cannot be looked at.
+    pub fn size(&self) -> Result<u64> {
+        Ok(match self {
+            Self::Bytes(bytes) => bytes.len() as u64,
+            Self::Parts(parts) => parts.iter().map(|part| part.len() as u64).sum(),
+            Self::File(path) => fs::metadata(path).or_io(|| format!("cannot read {}", path.display()))?.len(),
+        })
+    }
+
     /// Reads the bytes from any position on, without holding all of them in memory.
     ///
     /// # Errors

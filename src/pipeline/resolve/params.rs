@@ -107,6 +107,13 @@ impl<'a> ParameterResolver<'a> {
             let mistake = Diagnostic::at(span.clone(), format!("`{name}` {why}"));
             self.mistakes.push(Diagnostic { help, ..mistake });
         }
+        let task = task.filter(|_| self.mistakes.len() == count);
+        if let Some((name, why)) = task.as_ref().and_then(|task| Some((task.name(), task.spec().mistake()?))) {
+            let span = table.get("env").map_or(header, |value| &value.span);
+            let help = Some("the `spec` of the task says so; change it in the task's own file".to_owned());
+            let mistake = Diagnostic::at(span.clone(), format!("the task `{name}` cannot run: {why}"));
+            self.mistakes.push(Diagnostic { help, ..mistake });
+        }
         Some(task.filter(|_| self.mistakes.len() == count))
     }
 
