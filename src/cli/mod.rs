@@ -167,7 +167,26 @@ enum Verb {
 /// Runs the program with these arguments and these kinds of stages. Returns its exit code.
 pub fn main(argv: &[OsString], kinds: &'static [Kind]) -> u8 {
     bug::report_in_one_line();
-    let exit = catch_unwind(|| exit_of(argv, kinds)).unwrap_or(Exit::Store);
+    code_of(catch_unwind(|| exit_of(argv, kinds)).unwrap_or(Exit::Store))
+}
+
+/// The arguments of another program of carl-pipe, read as `carl-pipe` reads its own.
+///
+/// # Errors
+/// The exit code of the program: the arguments ask for help, which is written, or hold a mistake, which is reported.
+pub fn parse<A: Parser>(argv: impl IntoIterator<Item = OsString>) -> Result<A, u8> {
+    parsed(argv).map_err(code_of)
+}
+
+fn parsed<A: Parser>(argv: impl IntoIterator<Item = OsString>) -> Result<A, Exit> {
+    A::try_parse_from(argv).map_err(|error| {
+        out::of_clap(&error);
+        if error.use_stderr() { Exit::Usage } else { Exit::Ok }
+    })
+}
+
+/// The exit code of the process. Output that was lost is an error.
+fn code_of(exit: Exit) -> u8 {
     let Some(why) = out::lost() else { return exit as u8 };
     report(&Error::new(Exit::Store, format!("cannot write to standard output: {why}")));
     match exit {
@@ -177,12 +196,9 @@ pub fn main(argv: &[OsString], kinds: &'static [Kind]) -> u8 {
 }
 
 fn exit_of(argv: &[OsString], kinds: &'static [Kind]) -> Exit {
-    let cli = match Cli::try_parse_from(argv) {
+    let cli: Cli = match parsed(argv.iter().cloned()) {
         Ok(cli) => cli,
-        Err(error) => {
-            out::of_clap(&error);
-            return if error.use_stderr() { Exit::Usage } else { Exit::Ok };
-        }
+        Err(exit) => return exit,
     };
     out::set_colour(cli.global.color);
     start(cli, argv, kinds).unwrap_or_else(|error| {

@@ -13,6 +13,7 @@ pub mod manifest;
 pub mod marks;
 pub mod node;
 pub mod plan;
+pub mod recordings;
 pub mod repair;
 pub mod replay;
 pub mod runs;

@@ -7,12 +7,11 @@ use std::{
 };
 
 use carl_pipe::{
-    cli::{Stop, ViewArgs, ViewTarget},
+    cli::{self, Stop, ViewArgs, ViewTarget},
     diag::visible,
     run::runs,
 };
 use carl_view::{RerunViewer, ViewHost, Viewer as _, follow, open};
-use clap::Parser as _;
 
 /// The exit code of carl-pipe for an error of the store or the system.
 const SYSTEM_ERROR: u8 = 4;
@@ -54,7 +53,10 @@ fn say(text: &str) {
 }
 
 fn main() -> ExitCode {
-    let args = Args::parse();
+    let args: Args = match cli::parse(std::env::args_os()) {
+        Ok(args) => args,
+        Err(code) => return ExitCode::from(code),
+    };
     match show(&args) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

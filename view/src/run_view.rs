@@ -7,7 +7,10 @@ use std::{
 
 use carl_pipe::{
     record::{At, Frame, Level, Message},
-    run::events::{Event, NodeState},
+    run::{
+        events::{Event, NodeState},
+        recordings::Recordings,
+    },
 };
 
 use crate::{
@@ -29,6 +32,7 @@ pub(crate) struct RunView<'a> {
     viewer: &'a mut dyn Viewer,
     host: &'a dyn ViewHost,
     events: EventLog,
+    recordings: Recordings,
     timeline: Timeline,
     /// Nodes that have started and not finished.
     working: BTreeMap<String, Playback>,
@@ -48,6 +52,7 @@ impl<'a> RunView<'a> {
             viewer,
             host,
             events: EventLog::of_run(folder),
+            recordings: Recordings::of_run(folder),
             timeline: Timeline::default(),
             working: BTreeMap::new(),
             finished: BTreeSet::new(),
@@ -134,7 +139,10 @@ impl<'a> RunView<'a> {
         if self.finished.contains(&node) {
             return Ok(());
         }
-        self.switch(&node, round, recording);
+        // What is not where the run has seen it may have been made again since.
+        let is_there = recording.as_ref().is_some_and(|recording| self.folder.join(recording).exists());
+        let remade = if is_there { None } else { self.recordings.of_node(&node) };
+        self.switch(&node, round, remade.and_then(|path| path.into_os_string().into_string().ok()).or(recording));
         if let Some(mut playback) = self.working.remove(&node) {
             playback.show_rest(self.viewer, self.host)?;
             self.timeline.end(&playback.branch, playback.end);

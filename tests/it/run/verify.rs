@@ -12,6 +12,7 @@ use carl_pipe::{
         events::NodeState::Cached,
         execute::Options,
         manifest::Manifest,
+        recordings::Recordings,
         repair::{Repaired, repair},
         verify::{Verified, run_folders, verify},
     },
@@ -110,8 +111,12 @@ fn a_recording_that_failed_in_passing_is_not_lost_for_good() {
     let problems = verified(&bench).problems;
     assert_eq!((problems.len(), problems[0].what.as_str(), &problems[0].fault), (1, "recording", &Fault::Missing));
     assert_eq!(problems[0].node.as_deref(), Some("b"));
+    let recording = || Recordings::of_run(&report.path).of_node("b");
+    assert_eq!(recording(), None);
     let done = repaired_without_moving(&bench, &report.path);
     assert_eq!((done.made, done.left), (vec!["b".to_owned()], vec![]));
+    // The old run leads to it, too.
+    assert!(recording().is_some_and(|path| path.exists()));
     let (again, ear) = bench.run(&graph);
     assert_eq!((again.count(Cached), ear.warnings()), (2, vec![]));
     assert!(again.path.join("b.mcap").exists());

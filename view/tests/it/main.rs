@@ -2,6 +2,7 @@
 
 mod follow;
 mod hung_viewer;
+mod program;
 mod rerun_file;
 #[path = "../../../tests/it/support/recording.rs"]
 mod sample_run;
