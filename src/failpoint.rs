@@ -73,6 +73,7 @@ mod armed {
         "start finished recording",
         "sync file",
         "sync folder",
+        "take number",
         "take over",
         "write events",
         "write recording",

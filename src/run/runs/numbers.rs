@@ -11,6 +11,7 @@ use std::{
 use anyhow::Context as _;
 
 use super::list::{is_id, list_with};
+use crate::failpoint::failpoint;
 
 /// The file in the folder of the runs.
 const FILE: &str = "numbers";
@@ -40,7 +41,8 @@ pub(super) fn take(runs: &Path, id: &str) -> anyhow::Result<u64> {
     let number = newest.max(numbers.values().copied().max()).unwrap_or(0) + 1;
     // A line that a full disk cut short ends here.
     let ended = if text.last().is_some_and(|&byte| byte != b'\n') { "\n" } else { "" };
-    file.write_all(format!("{ended}{number} {id}\n").as_bytes()).with_context(cannot_take)?;
+    let line = format!("{ended}{number} {id}\n");
+    failpoint!("take number", file.write_all(line.as_bytes())).with_context(cannot_take)?;
     Ok(number)
 }
 

@@ -261,7 +261,8 @@ fn is_told(stage: &Stage<'_>, fault: &Fault, error: i32, ended: &Ended) {
 fn strays(store: &Path) -> Vec<PathBuf> {
     let items = |folder: &Path| fs::read_dir(folder).unwrap().map(|item| item.unwrap().path()).collect::<Vec<_>>();
     let is_temporary = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().starts_with("carl-tmp-");
-    let runs = items(&store.join("runs"));
+    let mut runs = items(&store.join("runs"));
+    runs.retain(|path| !path.ends_with("numbers"));
     let is_whole =
         |path: &PathBuf| path.join("alive").exists() && !path.file_name().unwrap().as_encoded_bytes().starts_with(b".");
     let is_run = |path: &&PathBuf| path.ends_with("latest") || is_whole(path);
