@@ -1,5 +1,6 @@
-//! The numbers that runs have taken: one line of `numbers` for each, with the number and the id. A run takes its number
-//! under a lock, so no two runs have the same. With this file, the order of runs is known without reading each of them.
+//! The numbers that runs have taken: one line of `numbers` for each, with the number, the id and a checksum of both. A run
+//! takes its number under a lock, so no two runs have the same. With this file, the order of runs is known without reading
+//! each of them.
 
 use std::{
     collections::BTreeMap,
@@ -11,7 +12,7 @@ use std::{
 use anyhow::Context as _;
 
 use super::list::{is_id, list_with};
-use crate::failpoint::failpoint;
+use crate::{digest::Digest, failpoint::failpoint};
 
 /// The file in the folder of the runs.
 const FILE: &str = "numbers";
@@ -41,13 +42,23 @@ pub(super) fn take(runs: &Path, id: &str) -> anyhow::Result<u64> {
     let number = newest.max(numbers.values().copied().max()).unwrap_or(0) + 1;
     // A line that a full disk cut short ends here.
     let ended = if text.last().is_some_and(|&byte| byte != b'\n') { "\n" } else { "" };
-    let line = format!("{ended}{number} {id}\n");
+    let line = format!("{ended}{}\n", line(number, id));
     failpoint!("take number", file.write_all(line.as_bytes())).with_context(cannot_take)?;
     Ok(number)
 }
 
+/// A line without its end. The checksum tells a flipped digit, which would order runs wrongly.
+fn line(number: u64, id: &str) -> String {
+    let text = format!("{number} {id}");
+    let check = &Digest::of_bytes(text.as_bytes()).hex()[..8];
+    format!("{text} {check}")
+}
+
 fn parse(text: &[u8]) -> Numbers {
-    let lines = text.split(|&byte| byte == b'\n').filter_map(|line| std::str::from_utf8(line).ok()?.split_once(' '));
-    let pairs = lines.filter_map(|(number, id)| Some((id.to_owned(), number.parse().ok()?)));
-    pairs.filter(|(id, number)| is_id(id) && *number < MOST).collect()
+    let read = |text: &str| {
+        let mut words = text.split(' ');
+        let (number, id) = (words.next()?.parse().ok()?, words.next()?);
+        (number < MOST && is_id(id) && text == line(number, id)).then(|| (id.to_owned(), number))
+    };
+    text.split(|&byte| byte == b'\n').filter_map(|line| read(std::str::from_utf8(line).ok()?)).collect()
 }

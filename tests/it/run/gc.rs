@@ -202,6 +202,20 @@ fn foreign_folders_are_neither_counted_nor_removed() {
 }
 
 #[test]
+fn a_flipped_bit_in_the_numbers_changes_no_order() {
+    let bench = Bench::new();
+    let runs: Vec<String> = (1..=3).map(|plus| bench.run(&chain(plus)).0.run).collect();
+    let numbers = bench.runs().join("numbers");
+    let whole = fs::read(&numbers).unwrap();
+    let newest_first: Vec<String> = runs.into_iter().rev().collect();
+    for bit in 0..whole.len() * 8 {
+        flip(&numbers, bit);
+        assert_eq!(listed(&bench), newest_first, "bit {bit}");
+        fs::write(&numbers, &whole).unwrap();
+    }
+}
+
+#[test]
 fn runs_of_one_pipeline_never_push_out_those_of_another() {
     let bench = Bench::new();
     let (slow, _) = bench.run(&named("slow", chain(1)));
