@@ -149,7 +149,7 @@ fn images_forward(bencher: Bencher<'_, '_>, (pixels, n_out): (usize, usize)) {
     let arena: Vec<f32> = layout.initialize(&mut Rng::seed_from_u64(1));
     let (mut base, mut y) = (vec![0.0; n_out], vec![0.0; 256 * n_out]);
     images.base(&layer, &arena, &mut base);
-    let (which, rows): (Vec<u32>, _) = ((0..256).collect(), OutputRows { stride: n_out, offset: 0 });
+    let (which, rows): (Vec<u32>, _) = ((0..256).collect(), OutputRows { stride: n_out, offset: 0, first_entry: 0 });
     bencher
         .counter(operations((pixels, n_out, 256)))
         .bench_local(|| images.affine(&layer, &arena, &base, &which, &mut y, rows, true));
@@ -161,10 +161,10 @@ fn images_gradient(bencher: Bencher<'_, '_>, (pixels, n_out): (usize, usize)) {
     let mut layout = Layout::default();
     let layer = layout.linear("first", pixels, n_out);
     let (mut gradient, dy) = (vec![0.0; layout.len], numbers(256 * n_out));
-    let (which, rows): (Vec<u32>, _) = ((0..256).collect(), OutputRows { stride: n_out, offset: 0 });
+    let (which, rows): (Vec<u32>, _) = ((0..256).collect(), OutputRows { stride: n_out, offset: 0, first_entry: 0 });
     bencher
         .counter(operations((pixels, n_out, 256)))
-        .bench_local(|| images.gradient(1, &layer, &mut gradient, &which, &dy, rows));
+        .bench_local(|| images.gradient(1, &layer, &mut gradient, Accumulate::Replace, &which, &dy, rows));
 }
 
 #[divan::bench]

@@ -14,7 +14,7 @@ use carl_pipe::{
         sac::{self, Codes, Learner, Sac, SacTrainer},
     },
     lce::{
-        LceModel, PassiveDynamics,
+        Differences, LceModel, PassiveDynamics,
         trainer::{self, Data, Objective, Trainer},
         warm_up::WarmUp,
     },
@@ -24,7 +24,7 @@ use carl_pipe::{
     },
     num::rng::Rng,
 };
-use models::{convolutional_model_and_data, every_term, model_and_data, sac_settings};
+use models::{convolutional_model_and_data, every_term, model_and_data, sac_settings, shared_frames_model_and_data};
 use rand::SeedableRng as _;
 
 /// Two whole batches.
@@ -61,7 +61,9 @@ fn a_training_step_of_the_representation_allocates_nothing() {
     let (mut drifting, of_drifting) = model_and_data(SAMPLES);
     drifting.set_passive_dynamics(PassiveDynamics::Quadratic);
     let convolutional = convolutional_model_and_data(SAMPLES);
-    for (model, data) in [model_and_data(SAMPLES), (drifting, of_drifting), convolutional] {
+    let mixed = shared_frames_model_and_data(Differences::Mixed { scale: 2.0, coordinates: 1 }, SAMPLES);
+    let scaled = shared_frames_model_and_data(Differences::Scaled { scale: 2.0 }, SAMPLES);
+    for (model, data) in [model_and_data(SAMPLES), (drifting, of_drifting), convolutional, mixed, scaled] {
         a_training_step_allocates_nothing(model, &data);
     }
 }

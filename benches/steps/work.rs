@@ -185,6 +185,8 @@ fn sac(threads: usize) -> Work {
         critic_learning_rate: 1e-3,
         temperature: Temperature::Tuned(Tuning::default()),
         reward: Reward::Distance,
+        speed_weight: 1.0,
+        antifriction: 0.0,
         relabel: 0.5,
         critic_actions: CriticActions::Uniform,
         buffer: 1_000_000,

@@ -4,7 +4,7 @@ use anyhow::ensure;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    lce::{BackwardSizes, ImageNetworks, PassiveDynamics, Sizes},
+    lce::{BackwardSizes, Differences, ImageNetworks, PassiveDynamics, SharedFrames, Sizes, shared_frames::FRAMES},
     nn::binary_images::PooledPatches,
 };
 
@@ -21,6 +21,9 @@ pub(super) struct SizesFile {
     /// Patches, of networks that read patches.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     squares: Option<PooledPatches>,
+    /// Patches, coordinates and differences, of networks that treat every frame alike.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    shared_frames: Option<SharedFramesFile>,
     encoder: [usize; 2],
     decoder: [usize; 2],
     dynamics: [usize; 2],
@@ -32,20 +35,49 @@ pub(super) struct SizesFile {
     drift: PassiveDynamics,
 }
 
+/// [`SharedFrames`] as the file has them.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SharedFramesFile {
+    columns: usize,
+    side: usize,
+    predicted_side: usize,
+    coordinates: usize,
+    differences: Differences,
+}
+
+impl From<SharedFrames> for SharedFramesFile {
+    fn from(frames: SharedFrames) -> Self {
+        let SharedFrames { read: PooledPatches { columns, side }, predicted, coordinates, differences } = frames;
+        Self { columns, side, predicted_side: predicted.side, coordinates, differences }
+    }
+}
+
+impl From<SharedFramesFile> for SharedFrames {
+    fn from(file: SharedFramesFile) -> Self {
+        let SharedFramesFile { columns, side, predicted_side, coordinates, differences } = file;
+        let patches = |side| PooledPatches { columns, side };
+        Self { read: patches(side), predicted: patches(predicted_side), coordinates, differences }
+    }
+}
+
 impl From<&Sizes> for SizesFile {
     fn from(sizes: &Sizes) -> Self {
         let BackwardSizes { z, u, x, joint } = sizes.backward;
-        let (convolution, squares) = match sizes.images {
-            ImageNetworks::Dense => (None, None),
-            ImageNetworks::Convolutional { frames, rows, columns } => (Some([frames, rows, columns]), None),
-            ImageNetworks::Patches(patches) => (None, Some(patches)),
-        };
+        let (mut convolution, mut squares, mut shared_frames) = (None, None, None);
+        match sizes.images {
+            ImageNetworks::Dense => {}
+            ImageNetworks::Convolutional { frames, rows, columns } => convolution = Some([frames, rows, columns]),
+            ImageNetworks::Patches(patches) => squares = Some(patches),
+            ImageNetworks::SharedFrames(frames) => shared_frames = Some(frames.into()),
+        }
         Self {
             pixels: sizes.pixels,
             latent: sizes.latent,
             action: sizes.action,
             convolution,
             squares,
+            shared_frames,
             encoder: sizes.encoder,
             decoder: sizes.decoder,
             dynamics: sizes.dynamics,
@@ -60,11 +92,14 @@ impl TryFrom<SizesFile> for Sizes {
     type Error = anyhow::Error;
 
     fn try_from(file: SizesFile) -> anyhow::Result<Self> {
-        let images = match (file.convolution, file.squares) {
-            (None, None) => ImageNetworks::Dense,
-            (Some([frames, rows, columns]), None) => ImageNetworks::Convolutional { frames, rows, columns },
-            (None, Some(patches)) => ImageNetworks::Patches(patches),
-            (Some(_), Some(_)) => anyhow::bail!("networks are either convolutional or read patches, not both"),
+        let images = match (file.convolution, file.squares, file.shared_frames) {
+            (None, None, None) => ImageNetworks::Dense,
+            (Some([frames, rows, columns]), None, None) => ImageNetworks::Convolutional { frames, rows, columns },
+            (None, Some(patches), None) => ImageNetworks::Patches(patches),
+            (None, None, Some(frames)) => ImageNetworks::SharedFrames(frames.into()),
+            _ => anyhow::bail!(
+                "networks of more than one kind: `convolution`, `squares` and `shared_frames` exclude each other"
+            ),
         };
         let [z, u, x, joint] = file.backward;
         let sizes = Self {
@@ -103,14 +138,41 @@ fn check(sizes: &Sizes) -> anyhow::Result<()> {
                 "convolutions of {frames} frames of {rows} x {columns} pixels do not match the other widths"
             );
         }
-        ImageNetworks::Patches(PooledPatches { columns, side }) => {
-            check_widths(&[columns])?;
-            ensure!(
-                (1..=15).contains(&side) && columns % side == 0 && pixels % (columns * side) == 0,
-                "patches of {side} pixels in {columns} columns do not match observations of {pixels} pixels"
-            );
-        }
+        ImageNetworks::Patches(patches) => check_patches(patches, pixels)?,
+        ImageNetworks::SharedFrames(frames) => check_shared_frames(frames, sizes)?,
     }
+    Ok(())
+}
+
+fn check_patches(PooledPatches { columns, side }: PooledPatches, pixels: usize) -> anyhow::Result<()> {
+    check_widths(&[columns])?;
+    ensure!(
+        (1..=15).contains(&side) && columns % side == 0 && pixels % (columns * side) == 0,
+        "patches of {side} pixels in {columns} columns do not match observations of {pixels} pixels"
+    );
+    Ok(())
+}
+
+fn check_shared_frames(frames: SharedFrames, sizes: &Sizes) -> anyhow::Result<()> {
+    let SharedFrames { read, predicted, coordinates, differences } = frames;
+    ensure!(sizes.pixels.is_multiple_of(FRAMES), "{} pixels are not {FRAMES} frames", sizes.pixels);
+    for patches in [read, predicted] {
+        check_patches(patches, sizes.pixels / FRAMES)?;
+    }
+    ensure!(
+        predicted.side.is_multiple_of(read.side),
+        "predicted patches of {} pixels do not hold patches of {}",
+        predicted.side,
+        read.side
+    );
+    let (scale, mixed) = match differences {
+        Differences::None => (1.0, 1),
+        Differences::Scaled { scale } => (scale, 1),
+        Differences::Mixed { scale, coordinates } => (scale, coordinates),
+    };
+    check_widths(&[coordinates, mixed])?;
+    ensure!(scale.is_finite() && scale > 0.0, "a scale of differences of {scale}");
+    ensure!(frames.latent() == sizes.latent, "codes of {} coordinates, not {}", frames.latent(), sizes.latent);
     Ok(())
 }
 

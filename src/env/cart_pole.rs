@@ -84,9 +84,15 @@ fn defaults(of: &DefaultsOf<'_>) -> Value {
         ("train_lce", preset) => train_lce(of, preset),
         // A pole that has fallen, or left the picture, shows nothing more.
         ("collect", Preset::Recipe) => json!({ "episode": 60 }),
-        // A pole falls faster than the errors of F allow to look ahead. Most states of the data fall whatever is done, so
-        // critics that also learn to reach them learn little.
-        ("train_sac", Preset::Recipe) => json!({ "rollout": 5, "learning_rate_end_factor": 0.05, "relabel": 0.0 }),
+        // A pole that falls is caught within a second. Most states of the data fall whatever is done, so critics that also
+        // learn to reach them learn little.
+        ("train_sac", Preset::Recipe) => json!({
+            "rollout": 15,
+            "learning_rate_end_factor": 0.05,
+            "relabel": 0.0,
+            "symmetries": symmetries(),
+            "symmetric_copies": 8,
+        }),
         ("control_ilqr", Preset::Recipe) => json!({ "state_cost": 100.0, "action_cost": 1.0, "plan_length": 5 }),
         // PCC's r = 1 counts actions in units of the task. Ours are in units of the limit.
         ("control_ilqr", Preset::Paper) => {
@@ -108,19 +114,32 @@ fn train_lce(of: &DefaultsOf<'_>, preset: Preset) -> Value {
         // A pole moves without an action, and nothing blocks it, so the anchor meets no outliers.
         table["passive_dynamics"] = "quadratic".into();
         table["lambda"]["anchor"] = 10.0.into();
+        // A pole is few pixels wide. Patches of 8 x 8 lose its motion. Patches of 4 x 4 need dropout.
+        let patches = json!({ "side": 4, "dropout": 0.2 });
         // One step shows little of an action. A map that shows more of it learns the data by heart.
-        table["warm_up"]["loss"] = json!({ "scale": 0.5, "anchor": 30.0, "huber_delta": 1000.0 });
+        let (networks, scale, least_alignment) =
+            if of.chosen("networks").is_none_or(|networks| networks == "shared_frames") {
+                (json!({ "shared_frames": patches }), 0.25, 0.7)
+            } else {
+                (json!({ "pooled_patches": patches }), 0.5, 0.0)
+            };
+        table["networks"] = networks;
+        table["least_alignment"] = least_alignment.into();
+        table["warm_up"]["loss"] = json!({ "scale": scale, "anchor": 30.0, "huber_delta": 1000.0 });
         // Codes of so few pictures jitter as much as they move, so F learns the motion last.
-        table["slopes"] = json!({ "exact": { "refit_steps": 3000 } });
+        table["slopes"] = json!({ "exact": { "refit_steps": 2000 } });
         // A thousand random transitions share no pictures. Networks that read every pixel learn the pictures by heart,
         // and so does a warm-up that decodes none.
         table["warm_up"]["anchor_epochs"] = 0.into();
-        if of.chosen("networks") != Some("paper") {
-            // A pole is few pixels wide. Patches of 8 x 8 lose its motion. Patches of 4 x 4 need dropout.
-            table["networks"] = json!({ "pooled_patches": { "side": 4, "dropout": 0.2 } });
-        }
+        table["symmetries"] = symmetries();
+        table["symmetric_copies"] = 8.into();
     }
     table
+}
+
+/// Shares of the samples that the task's symmetries change.
+fn symmetries() -> Value {
+    json!({ "mirror": 0.5, "shift": 0.3 })
 }
 
 /// The cart-pole. A state is (angle, angular velocity, position, velocity) in rad, rad/s, m and m/s; angle 0 is upright. An

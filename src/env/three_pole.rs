@@ -105,6 +105,7 @@ fn train_lce(of: &DefaultsOf<'_>, preset: Preset) -> Value {
         table["lambda"]["anchor"] = 10.0.into();
         // One step shows little of an action. A map that shows more of it learns the data by heart.
         table["warm_up"]["loss"] = json!({ "scale": 0.5, "anchor": 30.0, "huber_delta": 1000.0 });
+        table["least_alignment"] = 0.into();
         // Codes of so few pictures jitter as much as they move, so F learns the motion last.
         table["slopes"] = json!({ "exact": { "refit_steps": 3000 } });
         // A thousand random transitions share no pictures. Networks that read every pixel learn the pictures by heart,

@@ -1,8 +1,44 @@
-//! The anchor E(x') ≈ E(x) + h(E(x)) + scale \[u; 0\]: an action moves the code by the same vector everywhere, where h are
-//! the passive dynamics. The paper has no anchor.
+//! The anchor E(x') ≈ E(x) + h(E(x)) + p: an action moves the code by the same vector p everywhere, where h are the
+//! passive dynamics. The paper has no anchor.
+//!
+//! p is scale \[u; 0\]. In a code of positions and scaled differences of frames (see [`SharedFrames`]), an action moves the
+//! newest frame alone, so p is scale \[u; 0\] on the positions and the same times the scale on the differences.
 
-use super::gaussian_pair::GaussianPair;
+#[cfg(doc)]
+use super::shared_frames::SharedFrames;
+use super::{
+    gaussian_pair::GaussianPair,
+    shared_frames::Differences,
+    sizes::{ImageNetworks, Sizes},
+};
 use crate::num::Real;
+
+/// What one unit of action does to a code, by the kind of networks.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Push<T> {
+    /// The first coordinates, which are positions.
+    positions: usize,
+    /// How many coordinates the anchor holds: mixed differences are free.
+    anchored: usize,
+    /// Scale of the differences.
+    difference_scale: T,
+}
+
+impl<T: Real> Push<T> {
+    /// The push for networks of these sizes.
+    pub(super) fn of(sizes: &Sizes) -> Self {
+        let n = sizes.latent;
+        let (positions, anchored, scale) = match sizes.images {
+            ImageNetworks::SharedFrames(frames) => match frames.differences {
+                Differences::None => (n, n, 0.0),
+                Differences::Scaled { scale } => (frames.coordinates, n, scale),
+                Differences::Mixed { .. } => (frames.coordinates, frames.coordinates, 0.0),
+            },
+            _ => (n, n, 0.0),
+        };
+        Self { positions, anchored, difference_scale: T::of(scale) }
+    }
+}
 
 /// The anchor of one sample.
 pub(super) struct Anchor<'a, T> {
@@ -16,6 +52,8 @@ pub(super) struct Anchor<'a, T> {
     pub(super) action: &'a [T],
     /// How far one unit of action moves the code.
     pub(super) scale: T,
+    /// Where it moves the code.
+    pub(super) push: Push<T>,
 }
 
 /// Constants of the pseudo-Huber loss.
@@ -28,11 +66,24 @@ pub(super) struct PseudoHuber<T> {
 }
 
 impl<T: Real> Anchor<'_, T> {
-    /// Component `k` of r = E(x') - E(x) - h - scale \[u; 0\].
+    /// Component `k` of r = E(x') - E(x) - h - p.
     #[inline(always)]
     fn residual(&self, k: usize) -> T {
         let or_zero = |x: Option<&T>| x.map_or(T::ZERO, |&x| x);
-        self.codes.second[k] - self.codes.first[k] - self.scale * or_zero(self.action.get(k)) - or_zero(self.h.get(k))
+        let (component, scale) = match k.checked_sub(self.push.positions) {
+            None => (k, self.scale),
+            Some(difference) => (difference, self.scale * self.push.difference_scale),
+        };
+        let pushed = scale * or_zero(self.action.get(component));
+        self.codes.second[k] - self.codes.first[k] - pushed - or_zero(self.h.get(k))
+    }
+
+    /// Coordinates that the anchor does not hold get no gradient through h.
+    #[inline(always)]
+    fn release_the_rest(&mut self) {
+        if let Some(rest) = self.d_h.get_mut(self.push.anchored..) {
+            rest.fill(T::ZERO);
+        }
     }
 
     /// Adds the gradient with respect to a residual to both codes, and sets h's.
@@ -47,9 +98,10 @@ impl<T: Real> Anchor<'_, T> {
 
     /// |r|²; adds `weight` times its gradient.
     #[inline(always)]
-    pub(super) fn squared(&mut self, latent: usize, weight: T) -> T {
+    pub(super) fn squared(&mut self, weight: T) -> T {
+        self.release_the_rest();
         let mut sum = T::ZERO;
-        for k in 0..latent {
+        for k in 0..self.push.anchored {
             let residual = self.residual(k);
             self.add_gradient(k, weight * (residual + residual));
             sum += residual * residual;
@@ -60,12 +112,14 @@ impl<T: Real> Anchor<'_, T> {
     /// `strength` delta² (sqrt(1 + |r|²/(s delta)²) - 1), which is `strength` |r|²/2s² for |r| well below s delta; adds
     /// `mean` times its gradient.
     #[inline(always)]
-    pub(super) fn pseudo_huber(&mut self, latent: usize, constants: PseudoHuber<T>, strength: T, mean: T) -> T {
+    pub(super) fn pseudo_huber(&mut self, constants: PseudoHuber<T>, strength: T, mean: T) -> T {
+        self.release_the_rest();
         let PseudoHuber { inverse_variance, delta_squared } = constants;
-        let squared = (0..latent).map(|k| self.residual(k) * self.residual(k)).fold(T::ZERO, |sum, x| sum + x);
+        let anchored = self.push.anchored;
+        let squared = (0..anchored).map(|k| self.residual(k) * self.residual(k)).fold(T::ZERO, |sum, x| sum + x);
         let root = (T::ONE + squared * inverse_variance / delta_squared).root();
         let slope = mean * strength * inverse_variance / root;
-        for k in 0..latent {
+        for k in 0..anchored {
             self.add_gradient(k, slope * self.residual(k));
         }
         strength * delta_squared * (root - T::ONE)

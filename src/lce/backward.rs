@@ -37,7 +37,7 @@ impl Backward {
 
     /// The rows of the x layer's output among the outputs of all three layers.
     fn rows_of_x(&self) -> OutputRows {
-        OutputRows { stride: self.joint.n_in, offset: self.z.n_out + self.u.n_out }
+        OutputRows { stride: self.joint.n_in, offset: self.z.n_out + self.u.n_out, first_entry: 0 }
     }
 }
 
@@ -119,7 +119,7 @@ impl<T: Real> BackwardPass<T> {
         let BackwardColumns { parts, joint, d_parts, d_joint, d_head, .. } = self.view(samples);
         net.head.gradient(threads, gradient, Accumulate::Replace, joint.data, d_head.data);
         net.joint.gradient(threads, gradient, Accumulate::Replace, parts.data, d_joint.data);
-        images.gradient(threads, &net.x, gradient, x, d_parts.data, net.rows_of_x());
+        images.gradient(threads, &net.x, gradient, Accumulate::Replace, x, d_parts.data, net.rows_of_x());
         for (layer, input, offset) in [(net.z, z, 0), (net.u, u, net.z.n_out)] {
             let (dw, db) = layer.w_b_mut(gradient);
             dw.fill(T::ZERO);

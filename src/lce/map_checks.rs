@@ -10,8 +10,6 @@ use crate::{
 /// ranks up to .991 in earlier rounds; one that control never reached had rank 1 in every round (planar, biased, seeds
 /// 2 and 3).
 const SUSPECT_RANK: f64 = 0.995;
-/// Below this alignment a map counts as folded.
-const LEAST_ALIGNMENT: f64 = 0.8;
 /// Half of the interval over which the slope dF/du is measured, in units of the action's limit.
 const HALF_STEP: f32 = 0.1;
 
@@ -21,8 +19,8 @@ pub struct MapChecks {
     /// Standard deviation of the codes over the encoder's own standard deviation, for the latent coordinate where this
     /// ratio is least. Below 1 the map has collapsed.
     pub spread: f64,
-    /// |mean dF/du| / mean |dF/du| (Frobenius norms), in 0..=1. Below 0.8 an action moves codes differently in different
-    /// places; no controller succeeded on such a map.
+    /// |mean dF/du| / mean |dF/du| (Frobenius norms), in 0..=1. The lower it is, the more differently an action moves codes
+    /// in different places.
     pub alignment: f64,
     /// For every goal image, the share of the images that D reconstructs better than the goal image, in 0..=1. Near 1 the
     /// goal's code may belong to another place, and control towards it ends elsewhere.
@@ -105,30 +103,31 @@ impl MapChecks {
         self.alignment.is_nan()
     }
 
-    /// A score by which maps are compared; a higher one is better, and -inf means that training diverged. `scale` is the
-    /// anchor's scale. Below 1 an action moves a code too little to measure alignment, so alignment does not count.
-    pub fn score(&self, scale: f64) -> f64 {
+    /// A score by which maps are compared; a higher one is better, and -inf means that training diverged. With a
+    /// `least_alignment` of 0 alignment does not count.
+    pub fn score(&self, least_alignment: f64) -> f64 {
         if self.is_diverged() {
             f64::NEG_INFINITY
         } else if self.spread < 1.0 {
             self.spread - 1.0
-        } else if scale >= 1.0 {
+        } else if least_alignment > 0.0 {
             self.alignment
         } else {
             1.0
         }
     }
 
-    /// A sentence that says what is wrong with the map, or none.
-    pub fn fault(&self, scale: f64) -> Option<String> {
-        match self.score(scale) {
+    /// A sentence that says what is wrong with the map, or none. Below `least_alignment` a map counts as folded.
+    pub fn fault(&self, least_alignment: f64) -> Option<String> {
+        match self.score(least_alignment) {
             f64::NEG_INFINITY => Some("training diverged: codes are not numbers any more".to_owned()),
             below if below < 0.0 => Some(format!(
                 "the map has collapsed: codes spread {:.2} times as wide as the encoder's own noise",
                 self.spread
             )),
-            alignment if alignment < LEAST_ALIGNMENT => Some(format!(
-                "the map is folded or twisted: the same action moves codes differently (alignment {alignment:.2}, below 0.8)"
+            alignment if alignment < least_alignment => Some(format!(
+                "the map is folded or twisted: the same action moves codes differently (alignment {alignment:.2}, below \
+                 {least_alignment})"
             )),
             _ => None,
         }
@@ -178,13 +177,12 @@ mod tests {
         let map = |spread, alignment| MapChecks { spread, alignment, goal_ranks: Vec::new() };
         let maps = [map(f64::INFINITY, f64::NAN), map(0.5, 1.0), map(3.0, 0.7), map(3.0, 0.9)];
         for (map, word) in maps.iter().zip(["diverged", "collapsed", "folded"]) {
-            assert!(map.fault(2.0).unwrap().contains(word));
+            assert!(map.fault(0.8).unwrap().contains(word));
         }
-        assert_eq!(maps[3].fault(2.0), None);
-        assert!(maps.windows(2).all(|pair| pair[0].score(2.0) < pair[1].score(2.0)));
-        // Under an anchor of a small scale, alignment does not count.
-        assert_eq!(maps[2].fault(0.5), None);
-        assert!(maps[0].fault(0.5).is_some() && maps[1].fault(0.5).is_some());
+        assert_eq!(maps[3].fault(0.8), None);
+        assert!(maps.windows(2).all(|pair| pair[0].score(0.8) < pair[1].score(0.8)));
+        assert_eq!(maps[2].fault(0.0), None);
+        assert!(maps[0].fault(0.0).is_some() && maps[1].fault(0.0).is_some());
     }
 
     #[test]

@@ -1,11 +1,6 @@
 //! An LCE model: networks, their parameters, and what can be computed with them.
 
-use super::{
-    decoder::DecoderPass,
-    nets::Nets,
-    passive_dynamics::PassiveDynamics,
-    sizes::{ImageNetworks, Sizes},
-};
+use super::{decoder::DecoderPass, nets::Nets, passive_dynamics::PassiveDynamics, sizes::Sizes};
 use crate::{
     nn::{binary_images::BinaryImages, heads, mlp::Pass},
     num::{Real, rng::Rng},
@@ -47,9 +42,10 @@ impl<T: Real> LceModel<T> {
     /// Observations in the form that this model reads. `frames` holds them one after the other; a non-zero byte is a
     /// lit pixel.
     pub fn pictures(&self, frames: &[u8]) -> BinaryImages {
-        let mut images = match self.sizes.images {
-            ImageNetworks::Patches(patches) => BinaryImages::pooled(self.sizes.pixels, patches),
-            ImageNetworks::Dense | ImageNetworks::Convolutional { .. } => BinaryImages::new(&self.background),
+        let patches = self.sizes.read_patches().zip(self.sizes.predicted_patches());
+        let mut images = match patches {
+            Some((read, predicted)) => BinaryImages::pooled(self.sizes.pixels, read, predicted),
+            None => BinaryImages::new(&self.background),
         };
         images.extend(frames);
         images
@@ -83,7 +79,8 @@ impl<T: Real> LceModel<T> {
     /// Probabilities of the pixels for every column of z.
     pub fn decode(&self, z: &[T]) -> Vec<T> {
         let mut probabilities = Vec::with_capacity(z.len() / self.sizes.latent * self.sizes.pixels);
-        let entry = |pixel| self.sizes.patches().map_or(pixel, |patches| patches.around(pixel));
+        let patches = self.sizes.predicted_patches();
+        let entry = |pixel| patches.map_or(pixel, |patches| patches.around(pixel));
         let probability = |l: T| T::ONE / (T::ONE + (-l).e_to());
         self.for_each_logits(z, |logits| {
             probabilities.extend((0..self.sizes.pixels).map(|pixel| probability(logits[entry(pixel)])));
@@ -94,7 +91,7 @@ impl<T: Real> LceModel<T> {
     /// The reconstruction NLL -ln D(x|z) of every image at its code, in nats.
     pub fn reconstruction_nll(&self, images: &BinaryImages, codes: &[T]) -> Vec<T> {
         let mut nats = Vec::with_capacity(images.len());
-        let mut delta = vec![T::ZERO; self.sizes.entries()];
+        let mut delta = vec![T::ZERO; self.sizes.predicted_entries()];
         self.for_each_logits(codes, |logits| {
             nats.push(heads::bernoulli(logits, images, nats.len() as u32, T::ZERO, &mut delta));
         });
@@ -109,7 +106,7 @@ impl<T: Real> LceModel<T> {
             let mut columns = pass.view(z.len() / n);
             columns.forward(&self.arena, z);
             let (logits, _) = columns.logits();
-            logits.chunks_exact(self.sizes.entries()).for_each(&mut each);
+            logits.chunks_exact(self.sizes.predicted_entries()).for_each(&mut each);
         }
     }
 }

@@ -10,7 +10,7 @@ use super::{
 use crate::nn::mlp::{Layout, Linear, Mlp};
 
 /// The networks of an LCE model: where each layer is in the arena.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Nets {
     /// All layers by name, in arena order.
     pub layout: Layout,

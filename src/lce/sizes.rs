@@ -1,13 +1,16 @@
 //! Widths of an LCE model's networks.
 
-use super::passive_dynamics::PassiveDynamics;
+use super::{
+    passive_dynamics::PassiveDynamics,
+    shared_frames::{Differences, SharedFrames, Speeds},
+};
 use crate::nn::binary_images::PooledPatches;
 
 /// Channels between two convolutions (paper, "Network Architectures").
 pub(super) const CHANNELS: usize = 32;
 
 /// How encoder, decoder and backward dynamics see observations.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ImageNetworks {
     /// Fully connected networks read and predict every pixel.
     Dense,
@@ -22,6 +25,8 @@ pub enum ImageNetworks {
     },
     /// Fully connected networks read and predict how much of each patch of pixels is lit.
     Patches(PooledPatches),
+    /// One fully connected network reads every frame of an observation, as patches.
+    SharedFrames(SharedFrames),
 }
 
 /// Widths of the backward dynamics' layers (paper, "Backwards dynamical model").
@@ -38,7 +43,7 @@ pub struct BackwardSizes {
 }
 
 /// Widths of all networks (paper, "Network Architectures").
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Sizes {
     /// Pixels of an observation x.
     pub pixels: usize,
@@ -122,15 +127,42 @@ impl Sizes {
 
 impl Sizes {
     /// The patches that networks read instead of pixels, if any.
-    pub fn patches(&self) -> Option<PooledPatches> {
+    pub fn read_patches(&self) -> Option<PooledPatches> {
         match self.images {
             ImageNetworks::Patches(patches) => Some(patches),
+            ImageNetworks::SharedFrames(frames) => Some(frames.read),
             ImageNetworks::Dense | ImageNetworks::Convolutional { .. } => None,
         }
     }
 
-    /// Inputs of the encoder, and logits of the decoder, for one observation: its pixels, or its patches.
+    /// The patches that the decoder predicts instead of pixels, if any.
+    pub fn predicted_patches(&self) -> Option<PooledPatches> {
+        match self.images {
+            ImageNetworks::SharedFrames(frames) => Some(frames.predicted),
+            _ => self.read_patches(),
+        }
+    }
+
+    /// How codes hold speeds, if they do: as many as positions, and on this scale. A speed divided by the scale is the
+    /// step of its position.
+    pub fn speeds(&self) -> Option<Speeds> {
+        match self.images {
+            ImageNetworks::SharedFrames(SharedFrames {
+                coordinates,
+                differences: Differences::Scaled { scale },
+                ..
+            }) => Some(Speeds { positions: coordinates, scale }),
+            _ => None,
+        }
+    }
+
+    /// What networks read of one observation: its number of pixels, or of patches.
     pub fn entries(&self) -> usize {
-        self.pixels / self.patches().map_or(1, PooledPatches::area)
+        self.pixels / self.read_patches().map_or(1, PooledPatches::area)
+    }
+
+    /// Logits of the decoder for one observation: one for each of its pixels, or of its predicted patches.
+    pub fn predicted_entries(&self) -> usize {
+        self.pixels / self.predicted_patches().map_or(1, PooledPatches::area)
     }
 }

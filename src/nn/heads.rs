@@ -100,7 +100,7 @@ pub fn log_density<T: Real>(z: &[T], gaussian: &[T], weight: T, d_z: &mut [T], d
 /// -ln of the probability of an image under independent Bernoulli pixels, with one logit for each entry of the image.
 /// Sets `delta` to `weight` times its gradient, area sigmoid(logits) - lit.
 pub fn bernoulli<T: Real>(logits: &[T], images: &BinaryImages, image: u32, weight: T, delta: &mut [T]) -> T {
-    let area = T::of(images.area() as f64);
+    let area = T::of(images.predicted_area() as f64);
     let steepness = weight * area;
     // There are sixteen interleaved sums, added in order, so vectors of any width give the same bits. ln(1 + e^-|l|) is
     // summed as the logarithm of a product of up to 64 factors, each at most 2.

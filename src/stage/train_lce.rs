@@ -65,7 +65,6 @@ impl Stage for TrainLce {
             Some(model) => Ok(Training::new(warm_start(params, model.clone())?)),
             None => Ok(Training::new(new_model(0, params, transitions, cx)?)),
         })?;
-        let scale = params.warm_up.loss.scale;
         let (kept, checks) = best_of_attempts(&setup, &mut training, cx)?;
         if kept.number < training.attempt {
             warn(cx, &training, &format!("kept attempt {} of {}", kept.number + 1, training.attempt + 1));
@@ -73,7 +72,7 @@ impl Stage for TrainLce {
         // The data of the first round lie far from the goals, so no goal is suspect yet.
         let suspect_goals = if setup.has_warm_start { checks.suspect_goals() } else { Vec::new() };
         let why_suspect = suspect_goals.iter().map(|&goal| checks.why_suspect(goal));
-        for sentence in checks.fault(scale).into_iter().chain(why_suspect) {
+        for sentence in checks.fault(params.least_alignment).into_iter().chain(why_suspect) {
             warn(cx, &training, &sentence);
         }
         report(cx, training.attempt, &checks);
@@ -100,7 +99,7 @@ fn best_of_attempts(
     cx: &mut StageCx<'_>,
 ) -> anyhow::Result<(Attempt, MapChecks)> {
     let (params, transitions) = (setup.params, setup.transitions);
-    let scale = params.warm_up.loss.scale;
+    let least_alignment = params.least_alignment;
     loop {
         let trained = setup.train(training, cx);
         let earlier = training.best.take();
@@ -108,8 +107,8 @@ fn best_of_attempts(
         let (best, fault) = match trained {
             Ok(trained) => {
                 let attempt = Attempt { number: training.attempt, trained };
-                let (best, checks) = better_map(earlier, attempt, transitions, scale);
-                match checks.fault(scale) {
+                let (best, checks) = better_map(earlier, attempt, transitions, least_alignment);
+                match checks.fault(least_alignment) {
                     Some(fault) if !is_last => (Some(best).filter(|_| !checks.is_diverged()), fault),
                     _ if checks.is_diverged() => {
                         let step = TrainingStep { number: training.all_steps, learning_rate: "learning_rate" };
@@ -158,11 +157,16 @@ fn new_model(
 }
 
 /// The attempt with the better map, and the checks of its map. The earlier attempt wins a tie.
-fn better_map(best: Option<Attempt>, new: Attempt, transitions: &Transitions, scale: f64) -> (Attempt, MapChecks) {
+fn better_map(
+    best: Option<Attempt>,
+    new: Attempt,
+    transitions: &Transitions,
+    least_alignment: f64,
+) -> (Attempt, MapChecks) {
     let new_checks = check_map(&new.trained.model, transitions);
     let Some(best) = best else { return (new, new_checks) };
     let checks = check_map(&best.trained.model, transitions);
-    if new_checks.score(scale) > checks.score(scale) { (new, new_checks) } else { (best, checks) }
+    if new_checks.score(least_alignment) > checks.score(least_alignment) { (new, new_checks) } else { (best, checks) }
 }
 
 /// Observations that the map checks read: the first ones, which come from random states.

@@ -2,7 +2,7 @@
 
 mod state;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, ensure};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -49,6 +49,12 @@ pub(super) struct Params {
     initial_temperature: f64,
     /// The reward of a step.
     reward: Reward,
+    /// Factor on the speeds of a code in the reward's distance; the mean squared distance stays. For codes that hold
+    /// scaled differences of frames.
+    speed_weight: f64,
+    /// The largest antifriction c of latent rollouts: every step adds c v to each speed v of a code, with another c for
+    /// each rollout and speed. It makes up for the friction that F learns from noisy differences of frames.
+    antifriction: f64,
     /// Share of the goals that are observations of the data instead of goal images.
     relabel: f64,
     /// The actions that the critics are trained on.
@@ -78,6 +84,8 @@ impl Default for Params {
             temperature: Temperature::Tuned(Tuning::default()),
             initial_temperature: 1.0,
             reward: Reward::Distance,
+            speed_weight: 1.0,
+            antifriction: 0.0,
             relabel: 0.5,
             critic_actions: CriticActions::Uniform,
             whiten: true,
@@ -123,6 +131,7 @@ impl super::Params for Params {
             ("policy_ema_rate", self.policy_ema_rate),
             ("learning_rate_end_factor", self.learning_rate_end_factor),
             ("relabel", self.relabel),
+            ("antifriction", self.antifriction),
         ] {
             within(&mut refusals, path, share, 0.0, 1.0);
         }
@@ -130,6 +139,7 @@ impl super::Params for Params {
             ("actor_learning_rate", self.actor_learning_rate),
             ("critic_learning_rate", self.critic_learning_rate),
             ("initial_temperature", self.initial_temperature),
+            ("speed_weight", self.speed_weight),
         ] {
             above_zero(&mut refusals, path, value);
         }
@@ -176,17 +186,7 @@ impl Stage for TrainSac {
         let model = &inputs.model.model;
         fits::model("model", model, &transitions)?;
         inputs.start.iter().try_for_each(|agent| fits::agent("start", agent, model))?;
-        let (mut observations, mut actions) = (model.pictures(&[]), Vec::new());
-        let copies = cx.symmetric_copies(&transitions, &params.symmetries, params.symmetric_copies);
-        copies.for_each(|pictures, action| {
-            observations.extend(&pictures[..transitions.pixels()]);
-            actions.extend_from_slice(action);
-        });
-        let codes = Codes {
-            data: fits::finite_codes("model", model.encode(&observations))?,
-            actions,
-            goals: fits::finite_codes("model", model.encode_means(&model.pictures(&transitions.goals)))?,
-        };
+        let codes = codes(params, model, &transitions, cx)?;
         let mut learner = cx.resume_or(|| {
             let agent = inputs.start.unwrap_or_else(|| random_agent(params, model, &codes, cx));
             Ok(Learner::new(agent, params.buffer as usize, cx.rng("updates")))
@@ -210,6 +210,27 @@ impl Stage for TrainSac {
         }
         Ok(trainer.learner.agent)
     }
+}
+
+/// What SAC is trained on. Rollouts begin at the codes of all copies of the transitions.
+fn codes(params: &Params, model: &LceModel, transitions: &Transitions, cx: &StageCx<'_>) -> anyhow::Result<Codes> {
+    let needs_speeds = params.antifriction > 0.0 || params.speed_weight != 1.0;
+    ensure!(
+        !needs_speeds || model.sizes.speeds().is_some(),
+        "`antifriction` and `speed_weight` need a model whose codes hold speeds: write `networks = {{ shared_frames = \
+         {{ differences = {{ scaled = {{ scale = 2.0 }} }} }} }}` in its `train_lce` stage, or leave them out"
+    );
+    let (mut observations, mut actions) = (model.pictures(&[]), Vec::new());
+    let copies = cx.symmetric_copies(transitions, &params.symmetries, params.symmetric_copies);
+    copies.for_each(|pictures, action| {
+        observations.extend(&pictures[..transitions.pixels()]);
+        actions.extend_from_slice(action);
+    });
+    Ok(Codes {
+        data: fits::finite_codes("model", model.encode(&observations))?,
+        actions,
+        goals: fits::finite_codes("model", model.encode_means(&model.pictures(&transitions.goals)))?,
+    })
 }
 
 /// An agent with random weights.
@@ -248,6 +269,8 @@ impl Params {
             critic_learning_rate: self.critic_learning_rate,
             temperature: self.temperature,
             reward: self.reward,
+            speed_weight: self.speed_weight,
+            antifriction: self.antifriction,
             relabel: self.relabel,
             critic_actions: self.critic_actions,
             buffer: self.buffer as usize,

@@ -5,9 +5,10 @@ use carl_pipe::{
     control::sac::{CriticActions, Reward, Sac, Temperature, Tuning},
     env::{Planar, System as _},
     lce::{
-        BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes, model::background, objective::Weights,
-        trainer::Data,
+        BackwardSizes, Differences, ImageNetworks, LceModel, PassiveDynamics, SharedFrames, Sizes, model::background,
+        objective::Weights, trainer::Data,
     },
+    nn::binary_images::PooledPatches,
     num::{rng::Rng, sampling},
     stage::network_sizes,
 };
@@ -44,18 +45,37 @@ pub fn model_and_data(samples: usize) -> (LceModel, Data) {
 
 /// A small convolutional model on two frames of random pictures.
 pub fn convolutional_model_and_data(samples: usize) -> (LceModel, Data) {
-    let sizes = Sizes {
+    let images = ImageNetworks::Convolutional { frames: 2, rows: 16, columns: 24 };
+    of_two_frames(Sizes { images, ..two_frames() }, samples)
+}
+
+/// A small model that reads each of two frames of random pictures by itself, with differences of this form.
+pub fn shared_frames_model_and_data(differences: Differences, samples: usize) -> (LceModel, Data) {
+    let [read, predicted] = [2, 4].map(|side| PooledPatches { columns: 24, side });
+    let frames = SharedFrames { read, predicted, coordinates: 1, differences };
+    of_two_frames(
+        Sizes { images: ImageNetworks::SharedFrames(frames), latent: frames.latent(), ..two_frames() },
+        samples,
+    )
+}
+
+/// Widths for two frames of 16 rows and 24 columns.
+fn two_frames() -> Sizes {
+    Sizes {
         pixels: 2 * 16 * 24,
         latent: 2,
         action: 2,
-        images: ImageNetworks::Convolutional { frames: 2, rows: 16, columns: 24 },
+        images: ImageNetworks::Dense,
         jacobian_heads: false,
         passive_dynamics: PassiveDynamics::None,
         encoder: [60, 20],
         decoder: [20, 60],
         dynamics: [8, 8],
         backward: BackwardSizes { z: 3, u: 3, x: 10, joint: 10 },
-    };
+    }
+}
+
+fn of_two_frames(sizes: Sizes, samples: usize) -> (LceModel, Data) {
     let mut rng = Rng::seed_from_u64(1);
     let frames: Vec<u8> =
         (0..2 * samples * sizes.pixels).map(|_| u8::from(sampling::index(&mut rng, 20) == 0)).collect();
@@ -92,6 +112,8 @@ pub fn sac_settings(buffer: usize) -> Sac {
         critic_learning_rate: 1e-3,
         temperature: Temperature::Tuned(Tuning::default()),
         reward: Reward::Distance,
+        speed_weight: 1.0,
+        antifriction: 0.0,
         relabel: 0.5,
         critic_actions: CriticActions::Uniform,
         buffer,

@@ -7,6 +7,7 @@ use super::{
     latent_box::LatentBox,
     replay::Tuple,
     settings::{BATCH, Sac},
+    speeds::Antifriction,
 };
 use crate::{
     control::agent::{Agent, clamp_log_sigma, squash},
@@ -81,6 +82,9 @@ pub(super) struct LatentRollout<'a> {
     pub(super) settings: &'a Sac,
     /// The box that codes stay within.
     pub(super) bounds: &'a LatentBox,
+    /// Factors on the coordinates of the distance to the goal.
+    pub(super) distance_factors: &'a [f32],
+    pub(super) antifriction: Option<&'a Antifriction>,
     /// (z, a, z', z_g) of the batch.
     pub(super) tuples: &'a [f32],
     /// Standard normal noise, for every step and every sample of the batch: first for the action, then for the code.
@@ -105,7 +109,7 @@ impl<'a> LatentRollout<'a> {
             || {
                 for i in 0..samples {
                     let Tuple { action, z_goal, .. } = self.tuple(first + i);
-                    c.target.sample(i)[0] = self.settings.reward.of(action, c.z.sample(i), z_goal);
+                    c.target.sample(i)[0] = self.reward(action, c.z.sample(i), z_goal);
                 }
                 let mut discount = 1.0_f32;
                 for step in 0..self.settings.rollout {
@@ -120,6 +124,12 @@ impl<'a> LatentRollout<'a> {
                 }
             },
         );
+    }
+
+    #[inline(always)]
+    fn reward(&self, action: &[f32], z: &[f32], z_goal: &[f32]) -> f32 {
+        let differences = z.iter().zip(z_goal).zip(self.distance_factors).map(|((z, g), factor)| (z - g) * factor);
+        self.settings.reward.at(action, differences)
     }
 
     #[inline(always)]
@@ -175,15 +185,19 @@ impl<'a> LatentRollout<'a> {
     ) {
         let n = self.agent.latent;
         self.model.nets.dynamics.forward(&self.model.arena, c.z_u.data, &mut c.dynamics);
-        for (i, gaussian) in c.dynamics.output().chunks_exact(2 * n).enumerate().take(samples) {
+        let (gaussians, _) = c.dynamics.output_and_delta();
+        for (i, gaussian) in gaussians.chunks_exact_mut(2 * n).enumerate().take(samples) {
             let (_, epsilon) = self.noise(step, first + i);
             let z = c.z.sample(i);
+            if let Some(antifriction) = self.antifriction {
+                antifriction.push(first + i, z, gaussian);
+            }
             for k in 0..n {
                 // F's means are relative to z.
                 let moved = gaussian[n + k].e_to().mul_add(epsilon[k], z[k] + gaussian[k]);
                 z[k] = self.bounds.clamp(k, moved);
             }
-            let reward = self.settings.reward.of(&c.z_u.sample(i)[n..], c.z.sample(i), self.tuple(first + i).z_goal);
+            let reward = self.reward(&c.z_u.sample(i)[n..], c.z.sample(i), self.tuple(first + i).z_goal);
             c.target.sample(i)[0] += discount * reward;
         }
     }

@@ -9,6 +9,7 @@ mod new_tuples;
 mod replay;
 mod reward;
 mod settings;
+mod speeds;
 mod trainer;
 
 pub use learner::Learner;

@@ -55,6 +55,8 @@ fn settings() -> Sac {
         critic_learning_rate: 2e-3,
         temperature: Temperature::Tuned(Tuning::default()),
         reward: Reward::Distance,
+        speed_weight: 1.0,
+        antifriction: 0.0,
         relabel: 0.0,
         critic_actions: CriticActions::Uniform,
         buffer: 100_000,

@@ -6,6 +6,7 @@ use super::{
     learner::Learner,
     replay::Tuple,
     settings::{BATCH, Sac, Temperature, Tuning},
+    speeds::{Antifriction, distance_factors},
 };
 use crate::{
     control::agent::Agent,
@@ -52,6 +53,8 @@ pub struct SacTrainer<'a> {
     pub(super) codes: &'a Codes,
     pub(super) settings: Sac,
     pub(super) bounds: LatentBox,
+    distance_factors: Vec<f32>,
+    antifriction: Option<Antifriction>,
     pub(super) scratch: Scratch,
     pub(super) is_finite: bool,
 }
@@ -111,7 +114,9 @@ impl<'a> SacTrainer<'a> {
     pub fn new(learner: Learner, model: &'a LceModel, codes: &'a Codes, settings: Sac) -> Self {
         let bounds = LatentBox::around(&codes.data, learner.agent.latent);
         let scratch = Scratch::new(&learner.agent, model, settings.rollout);
-        Self { learner, model, codes, settings, bounds, scratch, is_finite: true }
+        let distance_factors = distance_factors(model, settings.speed_weight, &codes.data, &codes.goals);
+        let antifriction = Antifriction::new(model, settings.antifriction, BATCH);
+        Self { learner, model, codes, settings, bounds, distance_factors, antifriction, scratch, is_finite: true }
     }
 
     /// Whether the last update left finite parameters and moments of critics, actor and temperature.
@@ -130,6 +135,9 @@ impl<'a> SacTrainer<'a> {
         }
         sampling::fill_normal(rng, &mut self.scratch.rollout_noise);
         sampling::fill_normal(rng, &mut self.scratch.actor_noise);
+        if let Some(antifriction) = &mut self.antifriction {
+            antifriction.draw(rng);
+        }
         self.compute_targets(threads);
         let critic = self.update_critics(threads, learning_rate_scale);
         let (actor, entropy) = self.update_actor(threads, learning_rate_scale);
@@ -148,6 +156,8 @@ impl<'a> SacTrainer<'a> {
             model: self.model,
             settings: &self.settings,
             bounds: &self.bounds,
+            distance_factors: &self.distance_factors,
+            antifriction: self.antifriction.as_ref(),
             tuples: &tuples.data,
             noise: rollout_noise,
         };

@@ -2,9 +2,10 @@
 
 mod convolutional;
 mod dense;
+mod shared_frames;
 
 use super::{
-    by_kind::{ByKind, either_kind},
+    by_kind::{ByKind, every_kind},
     sizes::{ImageNetworks, Sizes},
 };
 use crate::{
@@ -18,15 +19,18 @@ use crate::{
 pub use convolutional::ConvEncoder;
 use convolutional::{ConvEncoderColumns, ConvEncoderPass};
 use dense::{DenseEncoderColumns, DenseEncoderPass};
+use shared_frames::{SharedFrameEncoder, SharedFrameEncoderColumns, SharedFrameEncoderPass};
 
-/// Where the layers of E are in the arena: two hidden layers, or convolutions and one hidden layer.
-pub type Encoder = ByKind<Mlp<3>, ConvEncoder>;
+/// Where the layers of E are in the arena: two hidden layers, convolutions and one hidden layer, or two hidden layers
+/// for every frame.
+pub type Encoder = ByKind<Mlp<3>, ConvEncoder, SharedFrameEncoder>;
 
 /// Buffers of E for a batch.
-pub(super) type EncoderPass<T> = ByKind<DenseEncoderPass<T>, ConvEncoderPass<T>>;
+pub(super) type EncoderPass<T> = ByKind<DenseEncoderPass<T>, ConvEncoderPass<T>, SharedFrameEncoderPass<T>>;
 
 /// Some samples of an [`EncoderPass`].
-pub(super) type EncoderColumns<'a, T> = ByKind<DenseEncoderColumns<'a, T>, ConvEncoderColumns<'a, T>>;
+pub(super) type EncoderColumns<'a, T> =
+    ByKind<DenseEncoderColumns<'a, T>, ConvEncoderColumns<'a, T>, SharedFrameEncoderColumns<'a, T>>;
 
 impl Encoder {
     /// Lays out the encoder.
@@ -40,6 +44,9 @@ impl Encoder {
             ImageNetworks::Convolutional { frames, rows, columns } => {
                 Self::Convolutional(ConvEncoder::new(layout, frames, [rows, columns], sizes.encoder, codes))
             }
+            ImageNetworks::SharedFrames(frames) => {
+                Self::SharedFrames(SharedFrameEncoder::new(layout, frames, sizes.entries(), sizes.encoder))
+            }
         }
     }
 }
@@ -50,6 +57,7 @@ impl<T: Real> EncoderPass<T> {
         match encoder {
             Encoder::Dense(net) => Self::Dense(DenseEncoderPass::new(net, samples, each)),
             Encoder::Convolutional(net) => Self::Convolutional(ConvEncoderPass::new(net, samples, each)),
+            Encoder::SharedFrames(net) => Self::SharedFrames(SharedFrameEncoderPass::new(net, samples, each)),
         }
     }
 
@@ -57,6 +65,7 @@ impl<T: Real> EncoderPass<T> {
     pub(super) fn pack(&mut self, arena: &[T], images: &BinaryImages) {
         match self {
             Self::Dense(pass) => pass.pack(arena, images),
+            Self::SharedFrames(pass) => pass.pack(arena),
             Self::Convolutional(pass) => pass.pack(arena),
         }
     }
@@ -66,6 +75,7 @@ impl<T: Real> EncoderPass<T> {
         match self {
             Self::Dense(pass) => EncoderColumns::Dense(pass.view(samples)),
             Self::Convolutional(pass) => EncoderColumns::Convolutional(pass.view(samples)),
+            Self::SharedFrames(pass) => EncoderColumns::SharedFrames(pass.view(samples)),
         }
     }
 
@@ -78,23 +88,23 @@ impl<T: Real> EncoderPass<T> {
         (images, which): (&BinaryImages, &[u32]),
         samples: usize,
     ) {
-        either_kind!(self, pass => pass.gradient(threads, arena, gradient, (images, which), samples));
+        every_kind!(self, pass => pass.gradient(threads, arena, gradient, (images, which), samples));
     }
 }
 
 impl<T: Real> EncoderColumns<'_, T> {
     /// E(·|x) for the images `which`.
     pub(super) fn forward(&mut self, arena: &[T], (images, which): (&BinaryImages, &[u32])) {
-        either_kind!(self, columns => columns.forward(arena, (images, which)));
+        every_kind!(self, columns => columns.forward(arena, (images, which)));
     }
 
     /// The deltas of the dense layers, from the gradient with respect to the codes.
     pub(super) fn backward(&mut self, arena: &[T]) {
-        either_kind!(self, columns => columns.backward(arena));
+        every_kind!(self, columns => columns.backward(arena));
     }
 
     /// The Gaussians over z, and the gradient with respect to them.
     pub(super) fn codes(&mut self) -> (&mut [T], &mut [T]) {
-        either_kind!(self, columns => columns.codes())
+        every_kind!(self, columns => columns.codes())
     }
 }

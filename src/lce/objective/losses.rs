@@ -2,7 +2,10 @@
 
 use super::pass::Pass;
 use crate::{
-    lce::{anchor::Anchor, gaussian_pair::GaussianPair},
+    lce::{
+        anchor::{Anchor, Push},
+        gaussian_pair::GaussianPair,
+    },
     nn::heads,
     num::Real,
 };
@@ -109,15 +112,15 @@ impl<T: Real> Pass<'_, '_, T> {
         self.c.terms[i].regularizer = regularizer(self.first + i, &now[..n], weight, &mut d_now[..n]);
     }
 
-    /// The anchor |E(x') - E(x) - h(E(x)) - scale u|² of the means; see `lce::anchor`.
+    /// The anchor |E(x') - E(x) - h(E(x)) - p|² of the means; see `lce::anchor`.
     #[inline(always)]
     pub(super) fn anchor(&mut self, i: usize) {
         let (step, n, action) = (self.step, self.latent(), self.action(i));
         let codes = GaussianPair::of(self.c.nets.encoder.codes(), n, i);
         let (h, d_h) = self.c.nets.passive.sample(i);
-        let scale = T::of(step.batch.anchor_scale);
-        let mut anchor = Anchor { codes, h, d_h, action, scale };
-        self.c.terms[i].anchor = anchor.squared(n, T::of(step.weights.anchor) * step.mean);
+        let (scale, push) = (T::of(step.batch.anchor_scale), Push::of(&step.model.sizes));
+        let mut anchor = Anchor { codes, h, d_h, action, scale, push };
+        self.c.terms[i].anchor = anchor.squared(T::of(step.weights.anchor) * step.mean);
     }
 
     /// The value-guided weight exp(tau/gamma w) of L_p and L_c (paper, "Value-Guided CARL"); 1 without guidance.
@@ -135,7 +138,7 @@ impl<T: Real> Pass<'_, '_, T> {
     /// -ln D(observation|decoded code). Sets the gradient with respect to the logits.
     #[inline(always)]
     fn reconstruction_nll(&mut self, i: usize, observation: Observation, decoded: Decoded, weight: T) -> T {
-        let (step, entries) = (self.step, self.step.model.sizes.entries());
+        let (step, entries) = (self.step, self.step.model.sizes.predicted_entries());
         let image = step.batch.pairs[2 * (self.first + i) + observation as usize];
         let column = 3 * i + decoded as usize;
         self.c.nets.reconstruction_nll(column, entries, (step.batch.images, image), weight * step.mean)

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{
     lce::{
-        anchor::{Anchor, PseudoHuber},
+        anchor::{Anchor, PseudoHuber, Push},
         gaussian_pair::GaussianPair,
         model::LceModel,
     },
@@ -102,7 +102,7 @@ impl<T: Real> Pass<'_, '_, T> {
     /// -ln D of an observation at the `column`th decoded code. Sets the gradient with respect to the logits.
     #[inline(always)]
     fn reconstruction_nll(&mut self, column: usize) -> T {
-        let (step, entries) = (self.step, self.step.model.sizes.entries());
+        let (step, entries) = (self.step, self.step.model.sizes.predicted_entries());
         let image = step.batch.pairs[2 * self.first + column];
         self.c.nets.reconstruction_nll(column, entries, (step.batch.images, image), step.mean)
     }
@@ -181,12 +181,12 @@ impl<T: Real> Pass<'_, '_, T> {
         let action = &step.batch.actions[(self.first + i) * a..][..a];
         let codes = GaussianPair::of(self.c.nets.encoder.codes(), n, i);
         let (h, d_h) = self.c.nets.passive.sample(i);
-        let mut anchor = Anchor { codes, h, d_h, action, scale: T::of(s.scale) };
+        let mut anchor = Anchor { codes, h, d_h, action, scale: T::of(s.scale), push: Push::of(&step.model.sizes) };
         let constants = PseudoHuber {
             inverse_variance: T::of(1.0 / (s.sigma * s.sigma)),
             delta_squared: T::of(s.huber_delta * s.huber_delta),
         };
-        self.c.terms[i].anchor = anchor.pseudo_huber(n, constants, T::of(s.anchor), step.mean);
+        self.c.terms[i].anchor = anchor.pseudo_huber(constants, T::of(s.anchor), step.mean);
     }
 
     /// Adds the gradient of `shrink` |z|², and of the squared distance of the log standard deviations from ln s, for

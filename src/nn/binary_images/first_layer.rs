@@ -5,24 +5,27 @@ use super::{
     kernels::{Affine, WeightGradient},
 };
 use crate::{
-    nn::mlp::Linear,
+    nn::{mat::Accumulate, mlp::Linear},
     num::{
         Real, join,
         simd::{arch, vectorize},
     },
 };
 
-/// The rows of a longer column that hold a layer's outputs.
+/// The rows of a longer column that hold a layer's outputs, and the entries of an image that the layer reads.
 #[derive(Debug, Clone, Copy)]
 pub struct OutputRows {
     /// Length of the column.
     pub stride: usize,
     /// The first of the layer's rows.
     pub offset: usize,
+    /// The first entry that the layer reads: 0 unless it reads one of several frames.
+    pub first_entry: usize,
 }
 
 impl BinaryImages {
-    /// Computes W x_reference + b, the start of every column that [`BinaryImages::affine`] computes.
+    /// Computes W x_reference + b, the start of every column that [`BinaryImages::affine`] computes. A layer that reads
+    /// single frames needs a dark reference.
     pub fn base<T: Real>(&self, layer: &Linear, arena: &[T], base: &mut [T]) {
         base.copy_from_slice(layer.b(arena));
         for entry in self.reference_lit() {
@@ -46,26 +49,30 @@ impl BinaryImages {
         arch().dispatch(Affine { images: self, layer, w: layer.w(arena), base, which, y, rows, relu });
     }
 
-    /// Sets dW = Σ dy xᵀ and db = Σ dy over the images `which`. Columns of `dy` are laid out like those of `y` in
-    /// [`BinaryImages::affine`].
+    /// Sets or adds dW = Σ dy xᵀ and db = Σ dy over the images `which`. Columns of `dy` are laid out like those of `y` in
+    /// [`BinaryImages::affine`]. To add, images need a dark reference.
+    #[allow(clippy::too_many_arguments, reason = "a matrix product names its operands and where its result goes")]
     pub fn gradient<T: Real>(
         &self,
         threads: usize,
         layer: &Linear,
         gradient: &mut [T],
+        accumulate: Accumulate,
         which: &[u32],
         dy: &[T],
         rows: OutputRows,
     ) {
         let (dw, db) = layer.w_b_mut(gradient);
-        db.fill(T::ZERO);
+        if accumulate == Accumulate::Replace {
+            db.fill(T::ZERO);
+        }
         for dy in dy.chunks_exact(rows.stride) {
             add(db, &dy[rows.offset..rows.offset + layer.n_out]);
         }
-        self.weight_gradient(threads, layer, dw, db, which, dy, rows, 0);
+        self.weight_gradient(threads, layer, dw, db, accumulate, which, dy, rows, 0);
     }
 
-    /// Sets the columns of dW for the entries from `first` on.
+    /// Sets or adds the columns of dW from column `first` on.
     #[allow(clippy::too_many_arguments, reason = "the recursion passes on all arguments of its caller")]
     fn weight_gradient<T: Real>(
         &self,
@@ -73,23 +80,35 @@ impl BinaryImages {
         layer: &Linear,
         dw: &mut [T],
         db: &[T],
+        accumulate: Accumulate,
         which: &[u32],
         dy: &[T],
         rows: OutputRows,
         first: usize,
     ) {
-        let entries = dw.len() / layer.n_out;
-        if threads > 1 && entries > 1 {
-            let (left, right) = dw.split_at_mut(entries / 2 * layer.n_out);
+        let columns = dw.len() / layer.n_out;
+        if threads > 1 && columns > 1 {
+            let (left, right) = dw.split_at_mut(columns / 2 * layer.n_out);
             let (half, rest) = (threads / 2, threads - threads / 2);
             join(
                 threads,
-                || self.weight_gradient(half, layer, left, db, which, dy, rows, first),
-                || self.weight_gradient(rest, layer, right, db, which, dy, rows, first + entries / 2),
+                || self.weight_gradient(half, layer, left, db, accumulate, which, dy, rows, first),
+                || self.weight_gradient(rest, layer, right, db, accumulate, which, dy, rows, first + columns / 2),
             );
             return;
         }
-        arch().dispatch(WeightGradient { images: self, n_out: layer.n_out, dw, db, which, dy, rows, first });
+        let first = rows.first_entry + first;
+        arch().dispatch(WeightGradient {
+            images: self,
+            n_out: layer.n_out,
+            dw,
+            db,
+            accumulate,
+            which,
+            dy,
+            rows,
+            first,
+        });
     }
 }
 

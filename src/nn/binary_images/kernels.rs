@@ -5,7 +5,10 @@
 use pulp::{Simd, WithSimd};
 
 use super::{BinaryImages, OutputRows};
-use crate::{nn::mlp::Linear, num::Real};
+use crate::{
+    nn::{mat::Accumulate, mlp::Linear},
+    num::Real,
+};
 
 /// Vectors of outputs that one pass over the changes keeps in registers. Columns of W this wide stay in the second-level
 /// cache.
@@ -51,17 +54,24 @@ impl<T: Real> WithSimd for Affine<'_, T> {
 }
 
 impl<T: Real> Affine<'_, T> {
+    /// The entries that the layer reads.
+    fn entries(&self) -> std::ops::Range<usize> {
+        self.rows.first_entry..self.rows.first_entry + self.layer.n_in
+    }
+
     #[inline(always)]
     fn run<S: Simd, const V: usize>(&mut self, simd: S, at: usize) {
         let (n_out, lanes) = (self.layer.n_out, T::lanes::<S>());
+        let entries = self.entries();
         let base = T::registers::<S>(&self.base[at..at + V * lanes]);
         let values = self.images.level_values();
         let zero = T::splat(simd, T::ZERO);
         for (&image, y) in self.which.iter().zip(self.y.chunks_exact_mut(self.rows.stride)) {
             let mut sums: [T::V<S>; V] = std::array::from_fn(|v| base[v]);
-            for &change in self.images.changes(image) {
+            for &change in self.images.changes_at(image, entries.clone()) {
                 let value = T::splat(simd, values.of(change));
-                let w = T::registers::<S>(&self.w[change.entry() * n_out + at..][..V * lanes]);
+                let column = change.entry() - self.rows.first_entry;
+                let w = T::registers::<S>(&self.w[column * n_out + at..][..V * lanes]);
                 for v in 0..V {
                     sums[v] = T::mul_add(simd, value, w[v], sums[v]);
                 }
@@ -75,13 +85,13 @@ impl<T: Real> Affine<'_, T> {
 
     #[inline(always)]
     fn rest(&mut self, at: usize) {
-        let (n_out, values) = (self.layer.n_out, self.images.level_values::<T>());
+        let (n_out, values, entries) = (self.layer.n_out, self.images.level_values::<T>(), self.entries());
         for (&image, y) in self.which.iter().zip(self.y.chunks_exact_mut(self.rows.stride)) {
             let y = &mut y[self.rows.offset..][at..n_out];
             y.copy_from_slice(&self.base[at..]);
-            for &change in self.images.changes(image) {
-                let value = values.of(change);
-                for (y, &w) in y.iter_mut().zip(&self.w[change.entry() * n_out + at..]) {
+            for &change in self.images.changes_at(image, entries.clone()) {
+                let (value, column) = (values.of(change), change.entry() - self.rows.first_entry);
+                for (y, &w) in y.iter_mut().zip(&self.w[column * n_out + at..]) {
                     *y = value.fma(w, *y);
                 }
             }
@@ -94,12 +104,13 @@ impl<T: Real> Affine<'_, T> {
     }
 }
 
-/// The operands of [`BinaryImages::gradient`] for the columns of dW from entry `first` on.
+/// The operands of [`BinaryImages::gradient`] for the columns of dW that belong to the entries from `first` on.
 pub(super) struct WeightGradient<'a, T> {
     pub(super) images: &'a BinaryImages,
     pub(super) n_out: usize,
     pub(super) dw: &'a mut [T],
     pub(super) db: &'a [T],
+    pub(super) accumulate: Accumulate,
     pub(super) which: &'a [u32],
     pub(super) dy: &'a [T],
     pub(super) rows: OutputRows,
@@ -122,8 +133,12 @@ impl<T: Real> WeightGradient<'_, T> {
     }
 
     /// Sets the start of every column: an entry that is lit in the reference is lit in all images, apart from changes.
+    /// Where gradients are added, every column has its start.
     #[inline(always)]
     fn start(&mut self, at: usize, len: usize) {
+        if self.accumulate == Accumulate::Add {
+            return;
+        }
         for (dw, &lit) in self.dw.chunks_exact_mut(self.n_out).zip(&self.images.reference.is_lit[self.first..]) {
             let dw = &mut dw[at..at + len];
             if lit {

@@ -25,7 +25,7 @@ pub use pooled_patches::PooledPatches;
 #[derive(Debug, Clone, PartialEq)]
 pub struct BinaryImages {
     pixels: usize,
-    patches: Option<PooledPatches>,
+    patches: Option<Patches>,
     reference: Arc<Reference>,
     /// Where the changes of each image begin, then their total number.
     starts: Vec<u32>,
@@ -33,6 +33,14 @@ pub struct BinaryImages {
     changes: Vec<Change>,
     /// Factor on every change that a network reads, so that dropout keeps means.
     dropout_scale: f64,
+}
+
+/// The patches that networks read and predict.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Patches {
+    read: PooledPatches,
+    /// As large as those that are read, or larger by a whole factor.
+    predicted: PooledPatches,
 }
 
 /// The image that all others are compared with.
@@ -52,13 +60,14 @@ impl BinaryImages {
         Self::empty(reference.len(), None, Reference { is_lit, lit })
     }
 
-    /// An empty list of images with `pixels` pixels, which networks read as patches. The reference is dark.
-    pub fn pooled(pixels: usize, patches: PooledPatches) -> Self {
-        let reference = Reference { is_lit: vec![false; pixels / patches.area()], lit: Vec::new() };
-        Self::empty(pixels, Some(patches), reference)
+    /// An empty list of images with `pixels` pixels. Networks read them as the patches `read` and predict the patches
+    /// `predicted`, which are as large or larger by a whole factor. The reference is dark.
+    pub fn pooled(pixels: usize, read: PooledPatches, predicted: PooledPatches) -> Self {
+        let reference = Reference { is_lit: vec![false; pixels / read.area()], lit: Vec::new() };
+        Self::empty(pixels, Some(Patches { read, predicted }), reference)
     }
 
-    fn empty(pixels: usize, patches: Option<PooledPatches>, reference: Reference) -> Self {
+    fn empty(pixels: usize, patches: Option<Patches>, reference: Reference) -> Self {
         let reference = Arc::new(reference);
         Self { pixels, patches, reference, starts: vec![0], changes: Vec::new(), dropout_scale: 1.0 }
     }
@@ -67,7 +76,7 @@ impl BinaryImages {
     pub fn extend(&mut self, images: &[u8]) {
         match self.patches {
             None => self.extend_by_pixels(images),
-            Some(patches) => self.extend_by_patches(images, patches),
+            Some(patches) => self.extend_by_patches(images, patches.read),
         }
     }
 
@@ -124,9 +133,14 @@ impl BinaryImages {
         }
     }
 
-    /// Pixels per entry.
-    pub fn area(&self) -> usize {
-        self.patches.map_or(1, PooledPatches::area)
+    /// Pixels of what a decoder predicts as one number.
+    pub fn predicted_area(&self) -> usize {
+        self.patches.map_or(1, |patches| patches.predicted.area())
+    }
+
+    /// How often a layer that reads `n_in` entries fits into an image: once for each frame that it reads by itself.
+    pub fn frames(&self, n_in: usize) -> usize {
+        self.reference.is_lit.len() / n_in
     }
 
     /// Number of images.
@@ -139,14 +153,18 @@ impl BinaryImages {
         self.len() == 0
     }
 
-    /// The lit entries of an image, each with its number of lit pixels.
+    /// What a decoder of an image must give: indices of predicted pixels or patches, each with a number of lit pixels. An
+    /// index may come several times; its numbers add up.
     pub fn lit(&self, image: u32) -> impl Iterator<Item = (usize, usize)> + '_ {
         let by_pixels = self.patches.is_none();
         let is_dark = move |change: Change| by_pixels && change.is_dark();
         let is_darkened = move |pixel| self.changes(image).iter().any(|&c| c.entry() == pixel && is_dark(c));
         let kept = self.reference_lit().filter(move |&pixel| !is_darkened(pixel)).map(|pixel| (pixel, 1));
         let changed = self.changes(image).iter().filter(move |&&change| !is_dark(change));
-        kept.chain(changed.map(move |&change| (change.entry(), if by_pixels { 1 } else { change.level() })))
+        kept.chain(changed.map(move |&change| match self.patches {
+            None => (change.entry(), 1),
+            Some(Patches { read, predicted }) => (predicted.around_patch(read, change.entry()), change.level()),
+        }))
     }
 
     /// The lit entries of the reference.
@@ -164,12 +182,16 @@ impl BinaryImages {
     #[inline]
     fn changes_at(&self, image: u32, entries: std::ops::Range<usize>) -> &[Change] {
         let changes = self.changes(image);
+        if entries.len() == self.reference.is_lit.len() {
+            return changes;
+        }
         let before = |at: usize| changes.partition_point(|change| change.entry() < at);
         &changes[before(entries.start)..before(entries.end)]
     }
 
     /// What changes add to the entries that a network reads.
     fn level_values<T: Real>(&self) -> LevelValues<T> {
-        self.patches.map_or_else(LevelValues::of_pixels, |patches| LevelValues::of_patches(patches, self.dropout_scale))
+        self.patches
+            .map_or_else(LevelValues::of_pixels, |patches| LevelValues::of_patches(patches.read, self.dropout_scale))
     }
 }

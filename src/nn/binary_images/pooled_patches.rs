@@ -22,4 +22,14 @@ impl PooledPatches {
         let (row, column) = (pixel / self.columns, pixel % self.columns);
         row / self.side * (self.columns / self.side) + column / self.side
     }
+
+    /// The index of the patch that holds a patch of `smaller` ones, whose side divides this side.
+    #[inline]
+    pub(super) fn around_patch(self, smaller: Self, patch: usize) -> usize {
+        if smaller == self {
+            return patch;
+        }
+        let in_row = smaller.columns / smaller.side;
+        self.around(patch / in_row * smaller.side * self.columns + patch % in_row * smaller.side)
+    }
 }

@@ -3,7 +3,10 @@
 use rand::SeedableRng as _;
 
 use super::*;
-use crate::nn::{mat::Accumulate, mlp::Layout};
+use crate::nn::{
+    mat::Accumulate,
+    mlp::{Layout, Pass},
+};
 
 #[test]
 fn differences_give_the_dense_product_and_its_gradient() {
@@ -17,7 +20,7 @@ fn differences_give_the_dense_product_and_its_gradient() {
     let arena: Vec<f64> = layout.initialize(&mut rng);
     let which: Vec<u32> = (0..count as u32).rev().collect();
     let x: Vec<f64> = which.iter().flat_map(|&i| &frames[i as usize * pixels..][..pixels]).map(|&p| p.into()).collect();
-    let rows = OutputRows { stride: n_out + 3, offset: 2 };
+    let rows = OutputRows { stride: n_out + 3, offset: 2, first_entry: 0 };
 
     let (mut base, mut dense) = (vec![0.0; n_out], vec![0.0; n_out * count]);
     let mut sparse = vec![0.0; rows.stride * count];
@@ -32,8 +35,8 @@ fn differences_give_the_dense_product_and_its_gradient() {
     let dense_dy: Vec<f64> = dy.chunks(rows.stride).flat_map(|dy| &dy[2..2 + n_out]).copied().collect();
     let [mut want, mut one, mut two] = [(); 3].map(|()| vec![0.0; layout.len]);
     layer.gradient(1, &mut want, Accumulate::Replace, &x, &dense_dy);
-    images.gradient(1, &layer, &mut one, &which, &dy, rows);
-    images.gradient(2, &layer, &mut two, &which, &dy, rows);
+    images.gradient(1, &layer, &mut one, Accumulate::Replace, &which, &dy, rows);
+    images.gradient(2, &layer, &mut two, Accumulate::Replace, &which, &dy, rows);
     assert!(want.iter().zip(&one).all(|(a, b)| (a - b).abs() < 1e-13));
     assert_eq!(one, two);
     assert_eq!(images.lit(3).count(), frames[3 * pixels..4 * pixels].iter().filter(|&&p| p != 0).count());
@@ -44,7 +47,7 @@ fn patches_are_read_as_the_share_of_their_pixels_that_is_lit() {
     let mut rng = Rng::seed_from_u64(4);
     let (patches, pixels, n_out, count) = (PooledPatches { columns: 12, side: 3 }, 6 * 12, 5, 7);
     let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
-    let mut images = BinaryImages::pooled(pixels, patches);
+    let mut images = BinaryImages::pooled(pixels, patches, patches);
     images.extend(&frames);
     let share = |image: usize, patch: usize| {
         let (top, left) = (patch / 4 * 3, patch % 4 * 3);
@@ -62,7 +65,7 @@ fn patches_are_read_as_the_share_of_their_pixels_that_is_lit() {
     let layer = layout.linear("first", 8, n_out);
     let arena: Vec<f64> = layout.initialize(&mut rng);
     let which: Vec<u32> = (0..count as u32).collect();
-    let rows = OutputRows { stride: n_out, offset: 0 };
+    let rows = OutputRows { stride: n_out, offset: 0, first_entry: 0 };
     let (mut base, mut dense, mut sparse) = (vec![0.0; n_out], vec![0.0; n_out * count], vec![0.0; n_out * count]);
     images.base(&layer, &arena, &mut base);
     images.affine(&layer, &arena, &base, &which, &mut sparse, rows, false);
@@ -72,7 +75,7 @@ fn patches_are_read_as_the_share_of_their_pixels_that_is_lit() {
     let dy: Vec<f64> = (0..n_out * count).map(|i| (i as f64).sin()).collect();
     let [mut want, mut got] = [(); 2].map(|()| vec![0.0; layout.len]);
     layer.gradient(1, &mut want, Accumulate::Replace, &x, &dy);
-    images.gradient(2, &layer, &mut got, &which, &dy, rows);
+    images.gradient(2, &layer, &mut got, Accumulate::Replace, &which, &dy, rows);
     assert!(want.iter().zip(&got).all(|(a, b)| (a - b).abs() < 1e-13));
 }
 
@@ -81,7 +84,7 @@ fn thinned_patches_are_read_right_on_average_and_decoded_whole() {
     let mut rng = Rng::seed_from_u64(6);
     let (patches, pixels, count) = (PooledPatches { columns: 4, side: 2 }, 16, 3);
     let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 2) == 0)).collect();
-    let mut images = BinaryImages::pooled(pixels, patches);
+    let mut images = BinaryImages::pooled(pixels, patches, patches);
     images.extend(&frames);
     let mut layout = Layout::default();
     let layer = layout.linear("first", 4, 2);
@@ -89,7 +92,7 @@ fn thinned_patches_are_read_right_on_average_and_decoded_whole() {
     let read = |images: &BinaryImages, which: &[u32]| {
         let (mut base, mut y) = (vec![0.0; 2], vec![0.0; 2 * which.len()]);
         images.base(&layer, &arena, &mut base);
-        images.affine(&layer, &arena, &base, which, &mut y, OutputRows { stride: 2, offset: 0 }, false);
+        images.affine(&layer, &arena, &base, which, &mut y, OutputRows { stride: 2, offset: 0, first_entry: 0 }, false);
         y
     };
     let whole = read(&images, &[2, 0]);
@@ -102,4 +105,51 @@ fn thinned_patches_are_read_right_on_average_and_decoded_whole() {
     }
     assert!(mean.iter().zip(&whole).all(|(a, b)| (a - b).abs() < 0.03), "{mean:?} {whole:?}");
     assert_ne!(read(&images.with_dropout(&[2, 0], 0.25, &mut rng), &[0, 1]), whole);
+}
+
+#[test]
+fn a_layer_that_reads_single_frames_gives_the_dense_product_of_each_and_adds_their_gradients() {
+    let mut rng = Rng::seed_from_u64(7);
+    let (patches, pixels, count) = (PooledPatches { columns: 4, side: 1 }, 4 * 4, 5);
+    let frames: Vec<u8> = (0..pixels * count).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
+    let mut images = BinaryImages::pooled(pixels, patches, patches);
+    images.extend(&frames);
+    let mut layout = Layout::default();
+    let net = layout.mlp("frame", pixels / 2, [5, 3]);
+    let arena: Vec<f64> = layout.initialize(&mut rng);
+    let which: Vec<u32> = (0..count as u32).collect();
+    let x: Vec<f64> = frames.iter().map(|&p| p.into()).collect();
+    let [mut dense, mut sparse] = [(); 2].map(|()| Pass::new(&net, count, 2));
+    let (mut dense, mut sparse) = (dense.view(count), sparse.view(count));
+
+    net.forward(&arena, &x, &mut dense);
+    net.forward_on_images(&arena, net.layers[0].b(&arena), (&images, &which), &mut sparse);
+    let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-13);
+    assert!(close(dense.output(), sparse.output()));
+
+    for pass in [&mut dense, &mut sparse] {
+        pass.output_delta().iter_mut().enumerate().for_each(|(i, d)| *d = (i as f64).cos());
+        net.backward(&arena, pass, None);
+    }
+    let [mut want, mut got] = [(); 2].map(|()| vec![0.0; layout.len]);
+    net.gradient(1, &mut want, Accumulate::Replace, &x, &dense);
+    net.gradient_on_images(2, &mut got, (&images, &which), &sparse);
+    assert!(close(&want, &got));
+}
+
+#[test]
+fn larger_patches_are_predicted_from_the_lit_pixels_of_the_smaller_ones_that_are_read() {
+    let mut rng = Rng::seed_from_u64(8);
+    let [small, large] = [2, 4].map(|side| PooledPatches { columns: 12, side });
+    let pixels = 8 * 12;
+    let frame: Vec<u8> = (0..pixels).map(|_| u8::from(sampling::index(&mut rng, 2) == 0)).collect();
+    let [mut mixed, mut whole] = [small, large].map(|read| BinaryImages::pooled(pixels, read, large));
+    let counts = |images: &mut BinaryImages| {
+        images.extend(&frame);
+        let mut counts = vec![0; pixels / large.area()];
+        images.lit(0).for_each(|(patch, count)| counts[patch] += count);
+        counts
+    };
+    assert_eq!(counts(&mut mixed), counts(&mut whole));
+    assert_eq!(mixed.predicted_area(), 16);
 }

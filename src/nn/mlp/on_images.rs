@@ -9,13 +9,21 @@ use crate::{
     num::Real,
 };
 
+/// The columns of a network, by the frame of an image that the network reads: the whole image, or one of its frames. An
+/// image has one column for each of its frames, in the order of the frames.
 impl<const L: usize> Mlp<L> {
-    /// The rows of the first layer's output: all of them.
-    fn first_rows(&self) -> OutputRows {
-        OutputRows { stride: self.layers[0].n_out, offset: 0 }
+    /// The frames of an image: as often as the first layer's inputs fit into it.
+    fn frames(&self, images: &BinaryImages) -> impl Iterator<Item = OutputRows> + use<L> {
+        let layer = self.layers[0];
+        let frames = images.frames(layer.n_in);
+        (0..frames).map(move |frame| OutputRows {
+            stride: frames * layer.n_out,
+            offset: frame * layer.n_out,
+            first_entry: frame * layer.n_in,
+        })
     }
 
-    /// Runs all layers on the images `which`. `base` comes from [`BinaryImages::base`] for the first layer.
+    /// Runs all layers on every frame of the images `which`. `base` comes from [`BinaryImages::base`] for the first layer.
     pub fn forward_on_images<T: Real>(
         &self,
         arena: &[T],
@@ -23,7 +31,9 @@ impl<const L: usize> Mlp<L> {
         (images, which): (&BinaryImages, &[u32]),
         pass: &mut PassMut<'_, T, L>,
     ) {
-        images.affine(&self.layers[0], arena, base, which, pass.out[0], self.first_rows(), L > 1);
+        for frame in self.frames(images) {
+            images.affine(&self.layers[0], arena, base, which, pass.out[0], frame, L > 1);
+        }
         self.forward_from_second(arena, pass);
     }
 
@@ -35,7 +45,11 @@ impl<const L: usize> Mlp<L> {
         (images, which): (&BinaryImages, &[u32]),
         pass: &PassMut<'_, T, L>,
     ) {
-        images.gradient(threads, &self.layers[0], gradient, which, pass.delta[0], self.first_rows());
+        let mut accumulate = Accumulate::Replace;
+        for frame in self.frames(images) {
+            images.gradient(threads, &self.layers[0], gradient, accumulate, which, pass.delta[0], frame);
+            accumulate = Accumulate::Add;
+        }
         self.gradient_from_second(threads, gradient, Accumulate::Replace, pass);
     }
 }

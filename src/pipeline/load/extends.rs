@@ -1,12 +1,12 @@
 //! `extends = "online.toml"`: a pipeline file that says only what it changes in another one, its base.
 //!
-//! The file is laid over its base. Tables are merged key by key, all other values are replaced, lists among them. Three
+//! The file is laid over its base. Tables are merged key by key, all other values are replaced, lists among them. Some
 //! things differ from that rule:
 //! - `schema` and `name` are not inherited.
 //! - A `[stages.x]` with a `kind` and a `[task]` with an `env` are whole: they replace those of the base.
 //! - An axis of `[matrix]` replaces the axis of the same path, however the two are spelled.
 //!
-//! A stage of the base cannot be removed. A base stands alone: it extends no file itself.
+//! `[stages]` with `x = false` leaves out the stage `x` of the base. A base stands alone: it extends no file itself.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -18,7 +18,7 @@ use crate::{
         syntax::{
             document::document,
             path::flatten,
-            tree::{Entry, Table, Tree, Value},
+            tree::{Entry, Key, Table, Tree, Value},
             values,
         },
     },
@@ -115,17 +115,35 @@ fn laid_over(mut base: Table, over: Table, path: &str, mistakes: &mut Vec<Diagno
 fn lay_stages(below: &mut Table, above: Table, path: &str, mistakes: &mut Vec<Diagnostic>) {
     let known: Vec<String> = below.keys().map(|key| key.text.clone()).collect();
     for Entry { key, value } in above {
+        if value.value == Value::Boolean(false) {
+            if below.take(&key.text).is_none() {
+                let NoStage { mistake, help } = no_stage(path, &key, &known);
+                mistakes.push(mistake.help(help));
+            }
+            continue;
+        }
         let is_whole = value.value.as_table().is_none_or(|stage| stage.contains("kind"));
         match (below.get_mut(&key.text).map(|tree| &mut tree.value), value.value) {
             (Some(Value::Table(below)), Value::Table(above)) if !is_whole => below.lay_over(above),
             (None, _) if !is_whole => {
-                let mistake = Diagnostic::at(key.span, format!("`{path}` has no stage `{}`", key.text));
-                let help = instead(&key.text, "stages", known.iter().map(String::as_str));
+                let NoStage { mistake, help } = no_stage(path, &key, &known);
                 mistakes.push(mistake.help(format!("{help} (a new stage needs a `kind`)")));
             }
             (_, stage) => below.insert(key, Tree { value: stage, span: value.span }),
         }
     }
+}
+
+/// A stage that the base does not have.
+struct NoStage {
+    mistake: Diagnostic,
+    /// The stage that may be meant.
+    help: String,
+}
+
+fn no_stage(path: &str, key: &Key, known: &[String]) -> NoStage {
+    let mistake = Diagnostic::at(key.span.clone(), format!("`{path}` has no stage `{}`", key.text));
+    NoStage { mistake, help: instead(&key.text, "stages", known.iter().map(String::as_str)) }
 }
 
 fn lay_axes(below: &mut Table, above: Table) {

@@ -98,7 +98,7 @@ impl Setup<'_> {
         let is_warm_up = state.epoch < schedule.warm_up_epochs;
         let learning_rate = if is_warm_up { params.warm_up.learning_rate } else { params.learning_rate };
         state.trainer.set_optimizer(AdamSettings { learning_rate, weight_decay: params.weight_decay });
-        state.trainer.set_dropout(if state.trainer.model.sizes.patches().is_some() {
+        state.trainer.set_dropout(if state.trainer.model.sizes.read_patches().is_some() {
             params.networks.dropout()
         } else {
             0.0

@@ -1,28 +1,30 @@
 //! The ranges of the parameters of `train_lce`.
 
-use super::params::{Lambda, LossName, Networks, Params, Refit, Slopes, UNBOUNDED, WarmUpSchedule};
+use super::params::{FramePatches, Lambda, LossName, Networks, Params, Refit, Slopes, UNBOUNDED, WarmUpSchedule};
 use crate::{
     control::guidance::Guidance,
-    lce::warm_up::WarmUp,
+    lce::{Differences, warm_up::WarmUp},
     stage::{MOST_COPIES, MOST_PASSES, MOST_STEPS, Refusal, above_zero, count, within},
 };
+
+/// The most coordinates that one part of a code may have.
+const MOST_COORDINATES: u64 = 64;
 
 /// The parameters that are out of range.
 pub(super) fn out_of_range(params: &Params) -> Vec<Refusal> {
     let mut refusals = counts(params);
     within(&mut refusals, "ramp.from", params.ramp.from, 0.0, 1.0);
-    if let Networks::PooledPatches(patches) = params.networks {
-        count(&mut refusals, "networks.pooled_patches.side", patches.side, 1..=15);
-        within(&mut refusals, "networks.pooled_patches.dropout", patches.dropout, 0.0, 0.9);
-    }
+    networks(params.networks, &mut refusals);
     lambda(&params.lambda, &mut refusals);
     if params.lambda.regularizer > 0.0 && params.symmetries.change_something() {
         let why = "must be 0 with `symmetries`, since L_reg knows the old policy's actions in unchanged pictures alone";
-        refusals.push(Refusal::new("lambda.regularizer", why));
+        let help = "or give every symmetry of the task the share 0";
+        refusals.push(Refusal::new("lambda.regularizer", why).help(help));
     }
     within(&mut refusals, "weight_decay", params.weight_decay, 0.0, 1e6);
     above_zero(&mut refusals, "learning_rate", params.learning_rate);
     above_zero(&mut refusals, "curvature_sigma", params.curvature_sigma);
+    within(&mut refusals, "least_alignment", params.least_alignment, 0.0, 1.0);
     warm_up(&params.warm_up, &mut refusals);
     if let LossName::ValueGuided(settings) = &params.objective {
         guidance(settings, &mut refusals);
@@ -47,6 +49,40 @@ fn counts(params: &Params) -> Vec<Refusal> {
         count(&mut refusals, "slopes.exact.refit_steps", refit_steps, 0..=MOST_STEPS);
     }
     refusals
+}
+
+fn networks(networks: Networks, refusals: &mut Vec<Refusal>) {
+    match networks {
+        Networks::Paper => {}
+        Networks::PooledPatches(patches) => {
+            count(refusals, "networks.pooled_patches.side", patches.side, 1..=15);
+            within(refusals, "networks.pooled_patches.dropout", patches.dropout, 0.0, 0.9);
+        }
+        Networks::SharedFrames(frames) => shared_frames(frames, refusals),
+    }
+}
+
+fn shared_frames(frames: FramePatches, refusals: &mut Vec<Refusal>) {
+    let FramePatches { side, predicted_side, dropout, coordinates, differences } = frames;
+    count(refusals, "networks.shared_frames.side", side, 1..=15);
+    count(refusals, "networks.shared_frames.predicted_side", predicted_side, 1..=15);
+    if side > 0 && !predicted_side.is_multiple_of(side) {
+        let why = format!("must be a multiple of `networks.shared_frames.side`, {side}");
+        refusals.push(Refusal::new("networks.shared_frames.predicted_side", why));
+    }
+    within(refusals, "networks.shared_frames.dropout", dropout, 0.0, 0.9);
+    count(refusals, "networks.shared_frames.coordinates", coordinates, 1..=MOST_COORDINATES);
+    match differences {
+        Differences::None => {}
+        Differences::Scaled { scale } => {
+            within(refusals, "networks.shared_frames.differences.scaled.scale", scale, 1e-3, 1e3);
+        }
+        Differences::Mixed { scale, coordinates } => {
+            within(refusals, "networks.shared_frames.differences.mixed.scale", scale, 1e-3, 1e3);
+            let path = "networks.shared_frames.differences.mixed.coordinates";
+            count(refusals, path, coordinates as u64, 1..=MOST_COORDINATES);
+        }
+    }
 }
 
 fn warm_up(warm_up: &WarmUpSchedule, refusals: &mut Vec<Refusal>) {

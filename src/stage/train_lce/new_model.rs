@@ -1,9 +1,9 @@
 //! The networks of a new model.
 
-use super::params::{Networks, Params, Slopes};
+use super::params::{FramePatches, Networks, Params, Slopes};
 use crate::{
     artifact::{TrainedModel, Transitions},
-    lce::{BackwardSizes, ImageNetworks, LceModel, Sizes, model::background},
+    lce::{BackwardSizes, ImageNetworks, LceModel, SharedFrames, Sizes, model::background, shared_frames::FRAMES},
     nn::{adam::Adam, binary_images::PooledPatches},
     num::rng::Rng,
 };
@@ -16,19 +16,49 @@ pub(super) fn random_model(
     rng: &mut Rng,
 ) -> anyhow::Result<TrainedModel> {
     sizes.jacobian_heads = params.slopes == Slopes::Amortized;
-    if let Networks::PooledPatches(patches) = params.networks {
-        let ((rows, columns), side) = (transitions.picture, patches.side as usize);
-        anyhow::ensure!(
-            rows % side == 0 && columns % side == 0,
-            "pictures of {rows} x {columns} pixels cannot be cut into patches of {side} x {side}: change \
-             `networks.pooled_patches.side`"
-        );
-        let images = ImageNetworks::Patches(PooledPatches { columns, side });
-        let (hidden, backward) = ([128; 2], BackwardSizes { z: 10, u: 10, x: 50, joint: 100 });
-        sizes = Sizes { images, encoder: hidden, decoder: hidden, backward, ..sizes };
+    match params.networks {
+        Networks::Paper => {}
+        Networks::PooledPatches(patches) => {
+            let patches = cut(transitions.picture, patches.side, "networks.pooled_patches.side")?;
+            sizes = reading_patches(ImageNetworks::Patches(patches), sizes);
+        }
+        Networks::SharedFrames(frames) => {
+            let frames = shared_frames(frames, transitions.picture)?;
+            sizes = Sizes { latent: frames.latent(), ..reading_patches(ImageNetworks::SharedFrames(frames), sizes) };
+        }
     }
     let background = background(&transitions.frames(), transitions.pixels());
     let model = LceModel::new(sizes, background, rng);
     let adam = Adam::new(model.arena.len());
     Ok(TrainedModel { model, adam, suspect_goals: Vec::new() })
+}
+
+/// Widths of networks that read patches.
+fn reading_patches(images: ImageNetworks, sizes: Sizes) -> Sizes {
+    let (hidden, backward) = ([128; 2], BackwardSizes { z: 10, u: 10, x: 50, joint: 100 });
+    Sizes { images, encoder: hidden, decoder: hidden, backward, ..sizes }
+}
+
+fn shared_frames(frames: FramePatches, (rows, columns): (usize, usize)) -> anyhow::Result<SharedFrames> {
+    anyhow::ensure!(
+        rows == FRAMES * columns,
+        "`networks = \"shared_frames\"` needs observations of {FRAMES} square frames; these have {rows} x {columns} pixels"
+    );
+    let frame = (rows / FRAMES, columns);
+    Ok(SharedFrames {
+        read: cut(frame, frames.side, "networks.shared_frames.side")?,
+        predicted: cut(frame, frames.predicted_side, "networks.shared_frames.predicted_side")?,
+        coordinates: frames.coordinates as usize,
+        differences: frames.differences,
+    })
+}
+
+/// The patches of a picture with rows and columns of pixels.
+fn cut((rows, columns): (usize, usize), side: u64, parameter: &str) -> anyhow::Result<PooledPatches> {
+    let side = side as usize;
+    anyhow::ensure!(
+        rows % side == 0 && columns % side == 0,
+        "pictures of {rows} x {columns} pixels cannot be cut into patches of {side} x {side}: change `{parameter}`"
+    );
+    Ok(PooledPatches { columns, side })
 }

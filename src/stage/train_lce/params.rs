@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     control::guidance::Guidance,
-    lce::{PassiveDynamics, warm_up::WarmUp},
+    lce::{Differences, PassiveDynamics, warm_up::WarmUp},
     stage::Symmetries,
 };
 
@@ -47,6 +47,31 @@ pub(in crate::stage) enum Networks {
     Paper,
     /// Fully connected with two hidden layers of 128. They read the share of lit pixels in each patch of the image.
     PooledPatches(Patches),
+    /// One such network for every frame of two. Codes hold positions in the newest frame, then differences to the older.
+    SharedFrames(FramePatches),
+}
+
+/// How every frame is read, and what a code holds of it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(in crate::stage) struct FramePatches {
+    /// Rows and columns of a patch that the encoder reads, in pixels.
+    pub(super) side: u64,
+    /// Rows and columns of a patch that the decoder predicts, in pixels: a multiple of `side`.
+    pub(super) predicted_side: u64,
+    /// Share of the patches that each training step hides from the networks.
+    pub(super) dropout: f64,
+    /// Coordinates of the newest frame.
+    pub(super) coordinates: u64,
+    /// What a code holds of the differences between the frames' coordinates.
+    pub(super) differences: Differences,
+}
+
+impl Default for FramePatches {
+    fn default() -> Self {
+        let differences = Differences::Scaled { scale: 2.0 };
+        Self { side: 4, predicted_side: 4, dropout: 0.2, coordinates: 4, differences }
+    }
 }
 
 /// How images are cut into patches.
@@ -71,6 +96,7 @@ impl Networks {
         match self {
             Self::Paper => 0.0,
             Self::PooledPatches(patches) => patches.dropout,
+            Self::SharedFrames(frames) => frames.dropout,
         }
     }
 }
@@ -163,6 +189,8 @@ pub(in crate::stage) struct Params {
     /// Maximum number of retrainings from new weights when a map check fails; the best map is kept. Where a retraining
     /// replaces a model from `warm_start`, its warm-up and ramp come on top of `epochs`.
     pub(super) restarts: u64,
+    /// The `action_alignment` below which a map counts as folded; 0 where an action moves codes too little to measure it.
+    pub(super) least_alignment: f64,
     /// Adam step size; the default is the paper's.
     pub(super) learning_rate: f64,
     /// L2 coefficient.
@@ -204,6 +232,7 @@ impl Default for Params {
             curvature_sigma: 0.1,
             slopes: Slopes::Exact(Refit::default()),
             restarts: 2,
+            least_alignment: 0.8,
             learning_rate: 5e-4,
             weight_decay: 1e-3,
             map_every: 10,

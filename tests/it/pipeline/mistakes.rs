@@ -179,7 +179,7 @@ fn symmetries() {
             ("wrong type", of("cart_pole", "symmetries.mirror = true", "symmetries = [\"mirror\"]")),
             ("copies", of("cart_pole", "symmetric_copies = 0", "symmetric_copies = 101")),
             ("with L_reg", of("cart_pole", "symmetries.mirror = 0.5\nlambda.regularizer = 0.1", "")),
-            ("without effect on L_reg", of("cart_pole", "symmetries.mirror = 0\nlambda.regularizer = 0.1", "")),
+            ("without effect on L_reg", of("swing_up", "symmetries.mirror = 0\nlambda.regularizer = 0.1", "")),
         ],
     );
 }

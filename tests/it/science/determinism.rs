@@ -3,14 +3,16 @@
 use crate::support::stages;
 use std::collections::BTreeSet;
 
-use crate::support::models::{convolutional_model_and_data, every_term, model_and_data, sac_settings};
+use crate::support::models::{
+    convolutional_model_and_data, every_term, model_and_data, sac_settings, shared_frames_model_and_data,
+};
 use carl_pipe::{
     control::{
         Agent,
         sac::{Codes, Learner, SacTrainer},
     },
     lce::{
-        LceModel, PassiveDynamics,
+        Differences, LceModel, PassiveDynamics,
         trainer::{Data, Objective, Trainer},
         warm_up::WarmUp,
     },
@@ -37,7 +39,10 @@ fn bits(values: &[f32]) -> Vec<u32> {
 fn threads_change_no_bit_of_the_representation() {
     let (mut drifting, of_drifting) = model_and_data(128);
     drifting.set_passive_dynamics(PassiveDynamics::Quadratic);
-    for (model, data) in [model_and_data(128), (drifting, of_drifting), convolutional_model_and_data(128)] {
+    let mixed = shared_frames_model_and_data(Differences::Mixed { scale: 2.0, coordinates: 1 }, 128);
+    let convolutional = convolutional_model_and_data(128);
+    let scaled = shared_frames_model_and_data(Differences::Scaled { scale: 2.0 }, 128);
+    for (model, data) in [model_and_data(128), (drifting, of_drifting), convolutional, mixed, scaled] {
         threads_change_no_bit_of(&model, &data);
     }
 }

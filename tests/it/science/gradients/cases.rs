@@ -1,7 +1,9 @@
 //! Tiny models of every kind, with a batch.
 
 use carl_pipe::{
-    lce::{BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes, objective::Noise},
+    lce::{
+        BackwardSizes, Differences, ImageNetworks, LceModel, PassiveDynamics, SharedFrames, Sizes, objective::Noise,
+    },
     nn::{
         binary_images::{BinaryImages, PooledPatches},
         mlp::Linear,
@@ -27,6 +29,13 @@ pub(super) struct Case {
 
 pub(super) const SAMPLES: usize = 5;
 
+/// One model of every kind.
+pub(super) fn every_case() -> Vec<Case> {
+    let mut cases = shared_frames_cases();
+    cases.extend([case(2, 2), case(3, 1), amortized_case(), drifting_case(), patches_case(), convolutional_case()]);
+    cases
+}
+
 pub(super) fn case(latent: usize, action: usize) -> Case {
     case_of(Sizes {
         jacobian_heads: false,
@@ -43,7 +52,7 @@ pub(super) fn case(latent: usize, action: usize) -> Case {
 }
 
 /// Two frames of 16 rows and 24 columns: 2x3 pixels where the image is smallest, of 2 and of 3 channels.
-pub(super) fn convolutional_case() -> Case {
+fn convolutional_case() -> Case {
     case_of(Sizes {
         jacobian_heads: false,
         passive_dynamics: PassiveDynamics::None,
@@ -59,10 +68,23 @@ pub(super) fn convolutional_case() -> Case {
 }
 
 /// Six patches of 2x2 pixels.
-pub(super) fn patches_case() -> Case {
+fn patches_case() -> Case {
     let Case { model, .. } = case(2, 1);
     let images = ImageNetworks::Patches(PooledPatches { columns: 6, side: 2 });
     case_of(Sizes { pixels: 4 * 6, images, ..model.sizes })
+}
+
+/// Networks that read each of two frames of 8 rows and 8 columns, with differences of every form.
+fn shared_frames_cases() -> Vec<Case> {
+    let (scaled, mixed) = (Differences::Scaled { scale: 1.7 }, Differences::Mixed { scale: 1.7, coordinates: 2 });
+    let cases = [Differences::None, scaled, mixed].map(|differences| {
+        let [read, predicted] = [2, 4].map(|side| PooledPatches { columns: 8, side });
+        let frames = SharedFrames { read, predicted, coordinates: 3, differences };
+        let Case { model, .. } = case(frames.latent(), 2);
+        let (images, passive_dynamics) = (ImageNetworks::SharedFrames(frames), PassiveDynamics::Quadratic);
+        case_of(Sizes { pixels: 2 * 8 * 8, images, passive_dynamics, ..model.sizes })
+    });
+    cases.into()
 }
 
 /// A model with heads for F's Jacobians.
