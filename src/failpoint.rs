@@ -1,9 +1,9 @@
-//! Named points at operations of the system, where a test can let the operation fail or kill the process. A release build
-//! has none of this.
+//! Named operations of the system. A test can let such an operation fail, or kill the process before it. A release
+//! build contains none of this.
 //!
-//! `CARL_FAILPOINT="sync file@3=28"` lets the third `sync file` and all after it fail with error 28 of the system, which
-//! says that no space is left. `CARL_FAILPOINT="sync file@3=kill"` kills the process there. `CARL_FAILPOINT_TRACE=FILE`
-//! adds the name of each point that the process reaches to a file, a line each.
+//! `CARL_FAILPOINT="sync file@3=28"` lets the third `sync file` and all later ones fail with error 28 of the system,
+//! which says that no space is left. `CARL_FAILPOINT="sync file@3=kill"` kills the process before the third one.
+//! `CARL_FAILPOINT_TRACE=FILE` appends the name of each point that the process reaches to a file, one name a line.
 
 /// The operation, or the error that a test wants here: `failpoint!("sync file", file.sync_all())`.
 #[cfg(debug_assertions)]
@@ -80,7 +80,7 @@ mod armed {
         "write temporary",
     ];
 
-    /// What happens at a point, from its `nth` time on.
+    /// What happens when a point is reached for the `nth` time, and each time after that.
     struct Fault {
         point: String,
         nth: usize,

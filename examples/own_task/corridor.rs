@@ -25,7 +25,7 @@ pub static TASK: TaskKind = TaskKind {
         about: "largest push of a control step",
     }],
     world: World::Simulator { spec, open: |task| Ok(Box::new(Corridor::new(task))) },
-    // Both ends are alike.
+    // The corridor looks the same from both ends.
     symmetries: &[Symmetry {
         name: "mirror",
         about: "left and right change places",

@@ -97,9 +97,7 @@ impl TryFrom<SizesFile> for Sizes {
             (Some([frames, rows, columns]), None, None) => ImageNetworks::Convolutional { frames, rows, columns },
             (None, Some(patches), None) => ImageNetworks::Patches(patches),
             (None, None, Some(frames)) => ImageNetworks::SharedFrames(frames.into()),
-            _ => anyhow::bail!(
-                "networks of more than one kind: `convolution`, `squares` and `shared_frames` exclude each other"
-            ),
+            _ => anyhow::bail!("only one of `convolution`, `squares` and `shared_frames` may be given"),
         };
         let [z, u, x, joint] = file.backward;
         let sizes = Self {
@@ -147,7 +145,7 @@ fn check(sizes: &Sizes) -> anyhow::Result<()> {
 fn check_patches(PooledPatches { columns, side }: PooledPatches, pixels: usize) -> anyhow::Result<()> {
     check_widths(&[columns])?;
     ensure!(
-        (1..=15).contains(&side) && columns % side == 0 && pixels % (columns * side) == 0,
+        (1..=15).contains(&side) && columns % side == 0 && pixels.is_multiple_of(columns * side),
         "patches of {side} pixels in {columns} columns do not match observations of {pixels} pixels"
     );
     Ok(())
@@ -155,13 +153,13 @@ fn check_patches(PooledPatches { columns, side }: PooledPatches, pixels: usize) 
 
 fn check_shared_frames(frames: SharedFrames, sizes: &Sizes) -> anyhow::Result<()> {
     let SharedFrames { read, predicted, coordinates, differences } = frames;
-    ensure!(sizes.pixels.is_multiple_of(FRAMES), "{} pixels are not {FRAMES} frames", sizes.pixels);
+    ensure!(sizes.pixels.is_multiple_of(FRAMES), "{} pixels cannot be divided into {FRAMES} frames", sizes.pixels);
     for patches in [read, predicted] {
         check_patches(patches, sizes.pixels / FRAMES)?;
     }
     ensure!(
         predicted.side.is_multiple_of(read.side),
-        "predicted patches of {} pixels do not hold patches of {}",
+        "the side of predicted patches, {}, is not a multiple of the side of read patches, {}",
         predicted.side,
         read.side
     );
@@ -171,8 +169,13 @@ fn check_shared_frames(frames: SharedFrames, sizes: &Sizes) -> anyhow::Result<()
         Differences::Mixed { scale, coordinates } => (scale, coordinates),
     };
     check_widths(&[coordinates, mixed])?;
-    ensure!(scale.is_finite() && scale > 0.0, "a scale of differences of {scale}");
-    ensure!(frames.latent() == sizes.latent, "codes of {} coordinates, not {}", frames.latent(), sizes.latent);
+    ensure!(scale.is_finite() && scale > 0.0, "the scale of differences must be above 0, but is {scale}");
+    ensure!(
+        frames.latent() == sizes.latent,
+        "the frames give codes of {} coordinates, but the latent space has {}",
+        frames.latent(),
+        sizes.latent
+    );
     Ok(())
 }
 

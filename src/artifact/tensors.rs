@@ -101,7 +101,10 @@ impl<'a> TensorFile<'a> {
         file.rewind()?;
         let about = header(&mut *file, size).context("not a safetensors file")?;
         let first = file.stream_position()?;
-        ensure!(about.data_len() as u64 == size - first, "not a safetensors file: it has another length than it says");
+        ensure!(
+            about.data_len() as u64 == size - first,
+            "not a safetensors file: its length differs from the length in its header"
+        );
         Ok(Self { file: RefCell::new(file), about, first })
     }
 

@@ -97,7 +97,7 @@ pub(crate) fn gc(global: &Global, args: &Args) -> Result<Exit, Error> {
         return Ok(Exit::Ok);
     }
     if !args.dry_run {
-        // Also where there is nothing to ask about: a killed process may have left files without a name of their own.
+        // Even if no run and no result goes: a killed process may have left temporary files and folders.
         let store = LocalStore::open_alone(&global.artifacts)?;
         let plan = gc::plan(&store, &runs, &policy)?;
         if (&plan.removed, &plan.kept) != (&shown.removed, &shown.kept) {

@@ -170,10 +170,10 @@ pub fn main(argv: &[OsString], kinds: &'static [Kind]) -> u8 {
     code_of(catch_unwind(|| exit_of(argv, kinds)).unwrap_or(Exit::Store))
 }
 
-/// The arguments of another program of carl-pipe, read as `carl-pipe` reads its own.
+/// The arguments of another program, such as `carl-view`, parsed like those of `carl-pipe`.
 ///
 /// # Errors
-/// The exit code of the program: the arguments ask for help, which is written, or hold a mistake, which is reported.
+/// The exit code with which the program should end: help was asked for and written, or a mistake was reported.
 pub fn parse<A: Parser>(argv: impl IntoIterator<Item = OsString>) -> Result<A, u8> {
     parsed(argv).map_err(code_of)
 }

@@ -1,4 +1,4 @@
-//! What the verbs share that run nodes.
+//! Options of all verbs that run nodes.
 
 use super::{
     Global,

@@ -24,7 +24,7 @@ pub(super) const TASK: TaskKind = TaskKind {
     about: "navigation among obstacles",
     options: &[TaskOption::NOISE],
     world: World::System(|task| Box::new(Planar { noise: task.number("noise") })),
-    // Walls and obstacles have different middles.
+    // The obstacles are symmetric about 20.5, the walls about 20. So no mirror is a symmetry.
     symmetries: &[],
     networks: NetworkSizes {
         latent: 2,

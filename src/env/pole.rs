@@ -5,7 +5,8 @@
 use super::Symmetry;
 use crate::num::{rng::Rng, sampling};
 
-/// Left and right change places. A pole that leans the other way is pushed the other way.
+/// Left and right change places. The action changes its sign, because a pole that leans the other way is pushed the
+/// other way.
 pub(super) const MIRROR: Symmetry = Symmetry {
     name: "mirror",
     about: "left and right change places",

@@ -52,7 +52,7 @@ impl Spec {
         match () {
             () if frames.count * frames.pixels() == 0 => Some("its observations have no pixel"),
             () if action_limit.is_empty() => Some("its actions have no component"),
-            () if !action_limit.iter().all(is_above_zero) => Some("a limit of its actions is not above 0"),
+            () if !action_limit.iter().all(is_above_zero) => Some("an action limit is not above 0"),
             () if *horizon == 0 => Some("its episodes have no step"),
             () if *goals == 0 => Some("it has no goal"),
             () if !is_above_zero(goal_radius) => Some("the radius of its goals is not above 0"),
@@ -135,7 +135,7 @@ mod tests {
         for (spec, why) in [
             (Spec { frames: blind, ..sound.clone() }, "its observations have no pixel"),
             (Spec { action_limit: vec![], ..sound.clone() }, "its actions have no component"),
-            (Spec { action_limit: vec![1.0, f64::NAN], ..sound.clone() }, "a limit of its actions is not above 0"),
+            (Spec { action_limit: vec![1.0, f64::NAN], ..sound.clone() }, "an action limit is not above 0"),
             (Spec { horizon: 0, ..sound.clone() }, "its episodes have no step"),
             (Spec { goals: 0, ..sound.clone() }, "it has no goal"),
             (Spec { goal_radius: 0.0, ..sound.clone() }, "the radius of its goals is not above 0"),

@@ -1,19 +1,19 @@
-//! Exact symmetries of a task, as operations on what a camera sees. They read no state.
+//! Exact symmetries of a task, as operations on the pictures and the action of a transition. They read no state.
 
 use std::ops::Range;
 
 use super::Frames;
 use crate::num::rng::Rng;
 
-/// A change of transitions that the dynamics allow: the changed transition is one of the task too, up to the rounding of
-/// pixels. `tests/it/science/symmetries.rs` proves it for every built-in task.
+/// A change of transitions under which the dynamics stay the same: a changed transition is again a transition of the
+/// task, up to the rounding of pixels. `tests/it/science/symmetries.rs` checks this for every built-in task.
 #[derive(Debug, Clone, Copy)]
 pub struct Symmetry {
     /// The name that pipeline files write.
     pub name: &'static str,
     /// One line that says what changes.
     pub about: &'static str,
-    /// Changes a transition. What is random comes from the stream.
+    /// Changes a transition. Random choices come from the stream.
     pub apply: fn(&mut SeenTransition<'_>, &mut Rng),
 }
 
@@ -49,7 +49,7 @@ impl SeenTransition<'_> {
         }
     }
 
-    /// Turns every component of the action around.
+    /// Changes the sign of every component of the action.
     pub fn reverse_action(&mut self) {
         self.action.iter_mut().for_each(|u| *u = -*u);
     }

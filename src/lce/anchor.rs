@@ -1,8 +1,9 @@
 //! The anchor E(x') ≈ E(x) + h(E(x)) + p: an action moves the code by the same vector p everywhere, where h are the
 //! passive dynamics. The paper has no anchor.
 //!
-//! p is scale \[u; 0\]. In a code of positions and scaled differences of frames (see [`SharedFrames`]), an action moves the
-//! newest frame alone, so p is scale \[u; 0\] on the positions and the same times the scale on the differences.
+//! p is scale \[u; 0\]. A code of [`SharedFrames`] may hold positions and scaled differences of frames. An action
+//! changes only the newest frame of the next observation. So p is scale \[u; 0\] on the positions, and the same vector
+//! times the scale of the differences on the differences.
 
 #[cfg(doc)]
 use super::shared_frames::SharedFrames;
@@ -18,7 +19,7 @@ use crate::num::Real;
 pub(super) struct Push<T> {
     /// The first coordinates, which are positions.
     positions: usize,
-    /// How many coordinates the anchor holds: mixed differences are free.
+    /// The number of coordinates that the anchor constrains: it leaves mixed differences free.
     anchored: usize,
     /// Scale of the differences.
     difference_scale: T,
@@ -52,7 +53,7 @@ pub(super) struct Anchor<'a, T> {
     pub(super) action: &'a [T],
     /// How far one unit of action moves the code.
     pub(super) scale: T,
-    /// Where it moves the code.
+    /// Which coordinates the action moves.
     pub(super) push: Push<T>,
 }
 
@@ -78,7 +79,7 @@ impl<T: Real> Anchor<'_, T> {
         self.codes.second[k] - self.codes.first[k] - pushed - or_zero(self.h.get(k))
     }
 
-    /// Coordinates that the anchor does not hold get no gradient through h.
+    /// Sets the gradient through h to zero for the coordinates that the anchor leaves free.
     #[inline(always)]
     fn release_the_rest(&mut self) {
         if let Some(rest) = self.d_h.get_mut(self.push.anchored..) {

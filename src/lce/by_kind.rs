@@ -1,5 +1,5 @@
-//! One of three things: for fully connected encoders and decoders, for convolutional ones, or for those that treat every
-//! frame alike.
+//! One of three things: for fully connected encoders and decoders, for convolutional ones, or for those that read or
+//! predict every frame by the same network.
 
 use crate::nn::columns::Cut;
 

@@ -103,8 +103,8 @@ impl MapChecks {
         self.alignment.is_nan()
     }
 
-    /// A score by which maps are compared; a higher one is better, and -inf means that training diverged. With a
-    /// `least_alignment` of 0 alignment does not count.
+    /// A score by which maps are compared; a higher one is better, and -inf means that training diverged. If
+    /// `least_alignment` is 0, alignment does not count.
     pub fn score(&self, least_alignment: f64) -> f64 {
         if self.is_diverged() {
             f64::NEG_INFINITY
@@ -126,7 +126,7 @@ impl MapChecks {
                 self.spread
             )),
             alignment if alignment < least_alignment => Some(format!(
-                "the map is folded or twisted: the same action moves codes differently (alignment {alignment:.2}, below \
+                "the map is folded or twisted: the same action moves codes in different directions (alignment {alignment:.2}, below \
                  {least_alignment})"
             )),
             _ => None,

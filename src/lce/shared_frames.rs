@@ -1,8 +1,8 @@
-//! Networks that treat every frame of an observation alike.
+//! Networks that read every frame of an observation with the same weights.
 //!
-//! One network g reads each frame. A code holds m coordinates of the newest frame, g(new), and after them differences to
-//! the older frame, scaled or mixed, or none. So a code holds positions and speeds, and what g learns of one frame holds
-//! for the other. Where a code tells the position in the older frame, D decodes one frame at a time, too.
+//! One network g reads each frame. A code holds the m coordinates of the newest frame, g(new). After them it may hold
+//! differences to the older frame, scaled or mixed. So a code holds positions and speeds, and g learns from both
+//! frames. If a code determines the coordinates of the older frame, D decodes each frame by the same network, too.
 
 use crate::nn::binary_images::PooledPatches;
 
@@ -28,7 +28,7 @@ pub struct SharedFrames {
 pub enum Differences {
     /// Nothing: a code shows the newest frame alone.
     None,
-    /// All m differences, times a scale. D decodes each frame from its own coordinates.
+    /// All m differences, times a scale. D decodes each frame from the coordinates of that frame.
     Scaled {
         /// Factor on the differences.
         scale: f64,
@@ -42,12 +42,12 @@ pub enum Differences {
     },
 }
 
-/// Where codes hold speeds: the first coordinates are positions, and as many speeds come after them.
+/// The form of codes that hold speeds: the first coordinates are positions, and as many speeds come after them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Speeds {
-    /// Positions, and speeds.
+    /// The number of positions, which is also the number of speeds.
     pub positions: usize,
-    /// A speed divided by this number is the step of its position.
+    /// A speed divided by this number is the change of its position from the older to the newest frame.
     pub scale: f64,
 }
 

@@ -143,8 +143,7 @@ impl Sizes {
         }
     }
 
-    /// How codes hold speeds, if they do: as many as positions, and on this scale. A speed divided by the scale is the
-    /// step of its position.
+    /// The form of codes that hold speeds; `None` if codes hold none.
     pub fn speeds(&self) -> Option<Speeds> {
         match self.images {
             ImageNetworks::SharedFrames(SharedFrames {
@@ -156,12 +155,12 @@ impl Sizes {
         }
     }
 
-    /// What networks read of one observation: its number of pixels, or of patches.
+    /// Inputs of the networks for one observation: the number of its pixels, or of the patches that are read.
     pub fn entries(&self) -> usize {
         self.pixels / self.read_patches().map_or(1, PooledPatches::area)
     }
 
-    /// Logits of the decoder for one observation: one for each of its pixels, or of its predicted patches.
+    /// Logits of the decoder for one observation: one for each pixel, or for each patch that is predicted.
     pub fn predicted_entries(&self) -> usize {
         self.pixels / self.predicted_patches().map_or(1, PooledPatches::area)
     }

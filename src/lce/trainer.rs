@@ -19,18 +19,20 @@ pub use super::backend::BATCH;
 /// Transitions (x, u, x') in the form that training reads. They contain no true state.
 #[derive(Debug, Clone)]
 pub struct Data<T = f32> {
-    /// Images 2i and 2i + 1 are x and x' of transition i. Those of its copy c are at c * N + i, with N transitions.
+    /// Images 2i and 2i + 1 are x and x' of transition i. Among N transitions, copy c of transition i has the
+    /// index c N + i.
     pub images: BinaryImages,
     /// Actions in -1..1, one column for every transition.
     pub actions: Vec<T>,
     /// Components of an action.
     pub action_dim: usize,
-    /// How often `images` and `actions` hold every transition. A training step draws one of the copies at random.
+    /// How many copies of every transition `images` and `actions` hold. A training step draws one of the copies at
+    /// random.
     pub copies: usize,
 }
 
 impl<T> Data<T> {
-    /// How many transitions there are. Copies of one count once.
+    /// How many transitions there are. All copies of a transition count as one.
     pub fn len(&self) -> usize {
         self.actions.len() / (self.action_dim * self.copies)
     }
@@ -40,7 +42,7 @@ impl<T> Data<T> {
         self.actions.is_empty()
     }
 
-    /// Where one of the copies of a transition is.
+    /// The index of a random copy of a transition.
     fn draw_copy(&self, transition: u32, rng: &mut Rng) -> u32 {
         let copy = if self.copies > 1 { sampling::index(rng, self.copies) } else { 0 };
         (copy * self.len()) as u32 + transition

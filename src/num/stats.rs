@@ -49,7 +49,7 @@ impl Mean {
     }
 }
 
-/// A mean over models and how sure it is. Unlike a whole [`Summary`], it costs no resampling.
+/// A mean over models and its standard error. Unlike a [`Summary`], it needs no bootstrap.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
     /// The number of models.

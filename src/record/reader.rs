@@ -17,7 +17,7 @@ const READ_SIZE: usize = 64 << 10;
 /// The most memory that is reserved at once, since a damaged length may claim more than the file holds.
 const LARGEST_READ: usize = 1 << 20;
 
-/// The records that hold messages, or say what messages are.
+/// The kinds of records that are read: messages, their channels and schemas, and metadata.
 const READ: [u8; 4] = [op::SCHEMA, op::CHANNEL, op::MESSAGE, op::METADATA];
 
 /// A topic of a recording and the encoding of its messages.
@@ -115,7 +115,7 @@ impl Reader {
                     None
                 }
                 LinearReadEvent::Record { opcode, data } if READ.contains(&opcode) => {
-                    ensure!(has_its_lengths(opcode, data), "a record says that it is longer than it is");
+                    ensure!(has_its_lengths(opcode, data), "a record states a length beyond its end");
                     self.contents.take(parse_record(opcode, data)?)
                 }
                 LinearReadEvent::Record { .. } => None,
@@ -127,8 +127,8 @@ impl Reader {
     }
 }
 
-/// Whether the texts and tables of a record are no longer than the record. The library reserves as much memory as their
-/// lengths say before it reads them.
+/// Whether the texts and tables of a record fit into the record. The library reserves memory for the lengths that a
+/// record states before it reads the bytes.
 fn has_its_lengths(opcode: u8, data: &[u8]) -> bool {
     fn block<'a>(rest: &mut &'a [u8]) -> Option<&'a [u8]> {
         let length;

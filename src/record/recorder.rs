@@ -159,7 +159,8 @@ impl Recorder {
         self.spent += started.elapsed();
     }
 
-    /// Turns an error into the warning. What the libraries say about it adds nothing to its first cause.
+    /// Turns an error into the warning. The warning names the root cause only, because the texts of the libraries
+    /// around it add nothing.
     fn fail(&mut self, path: &Path, error: &anyhow::Error) {
         let (path, cause) = (path.display(), error.root_cause());
         let warning = format!("cannot record to {path}: {cause}; the run goes on without this recording");

@@ -47,7 +47,7 @@ pub struct Outcome {
     pub samples: u64,
     /// A digest of everything that led to it except the seed. Outcomes with equal recipes may be pooled.
     pub recipe: Digest,
-    /// A digest of what all rounds and numbers of samples of one curve share; `None` in [`final_outcomes`].
+    /// A digest of what all rounds and numbers of samples of one curve share; [`final_outcomes`] leaves it `None`.
     pub family: Option<Digest>,
     /// The digest of the node's key.
     pub key: Option<Digest>,

@@ -94,7 +94,7 @@ impl Series {
         Summary::of(&self.values).expect("a series has a model")
     }
 
-    /// The mean of the values, and how sure it is.
+    /// The mean of the values and its standard error.
     pub fn estimate(&self) -> Estimate {
         Estimate::of(&self.values)
     }

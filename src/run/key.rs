@@ -23,7 +23,7 @@ pub fn of_node(node: &Node, content: impl Fn(NodeId) -> Option<Digest>) -> Optio
     members_of_node(node, content).map(|members| Key::of_json(object(members)))
 }
 
-/// The digest of the key of a node, without the cost of the key itself.
+/// The digest of the key of a node. The key itself is not built, which saves time.
 pub(super) fn digest_of_node(node: &Node, content: impl Fn(NodeId) -> Option<Digest>) -> Option<Digest> {
     let members = members_of_node(node, content)?;
     Some(Digest::of_members(members.iter().map(|(name, value)| (*name, &**value))))
@@ -62,7 +62,7 @@ fn members_of_work(work: &Work) -> Vec<Member<'_>> {
     members((&work.kind, work.version), &work.params, &work.task, &work.stream, &work.platform)
 }
 
-/// The members but the inputs, in the order in which people read them.
+/// All members except the inputs, in the order in which people read them.
 fn members<'a>(
     (kind, version): (&str, u32),
     params: &'a Value,

@@ -1,4 +1,4 @@
-//! Finds the recordings of a run that its own files do not lead to: what a repair has made since.
+//! Finds the recordings of a run in the store. A repair may have made recordings to which no file of the run leads.
 
 use std::{
     cell::OnceCell,
@@ -22,8 +22,8 @@ impl Recordings {
         Self { run_dir: run_dir.to_owned(), manifest: OnceCell::new() }
     }
 
-    /// The recording of a node's result; `None` where the store lacks the result or its recording. The store is open only
-    /// for the moment, so that a view which stays open does not keep it from being cleaned.
+    /// The recording of a node's result; `None` where the store lacks the result or its recording. The store is closed
+    /// again at once, so an open view does not prevent `gc`.
     pub fn of_node(&self, node: &str) -> Option<PathBuf> {
         let manifest = self.manifest.get_or_init(|| Manifest::read(&self.run_dir).ok()).as_ref()?;
         let outcome = &manifest.node(node)?.outcome;

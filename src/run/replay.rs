@@ -26,7 +26,7 @@ pub struct Replayed {
     pub equal: usize,
     /// What differs, in the order of the graph.
     pub differences: Vec<Difference>,
-    /// The nodes whose recording failed in the replay, so that it could not be compared.
+    /// The nodes whose recording failed in the replay. These recordings could not be compared.
     pub unrecorded: Vec<String>,
 }
 

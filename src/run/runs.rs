@@ -67,7 +67,7 @@ impl RunDir {
         }
     }
 
-    /// Makes the folder `path`, which has its name only once it shows that its process lives.
+    /// Makes the folder of a run as `fresh` and locks its file `alive`. Then it renames the folder to `path`.
     fn make(path: &Path, fresh: &Path) -> io::Result<File> {
         if path.exists() {
             return Err(io::ErrorKind::AlreadyExists.into());

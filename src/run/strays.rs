@@ -8,7 +8,7 @@ use crate::store;
 /// How the name of a link begins that has not become `latest` yet; the id of its run follows.
 pub(super) const FRESH_LINK: &str = ".latest-";
 
-/// How the name of the folder of a run begins until its process is known to live; the id of the run follows.
+/// How the name of a run's folder begins until its file `alive` is locked; the id of the run follows.
 pub(super) const FRESH_RUN: &str = ".new-";
 
 /// Removes links that should have become `latest`, where the process of their run is dead. A failure costs a name, never

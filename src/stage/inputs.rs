@@ -37,10 +37,10 @@ pub struct InputFiles<'a> {
 }
 
 impl InputFiles<'_> {
-    /// The bytes of all files. An artifact takes about as many in memory.
+    /// The bytes of all files. An artifact takes about as many bytes in memory.
     ///
     /// # Errors
-    /// A file cannot be looked at.
+    /// The size of a file cannot be read.
     pub(super) fn bytes(&self) -> anyhow::Result<u64> {
         let all = self.by_port.values().flatten().flat_map(|files| files.iter());
         all.map(|(_, content)| Ok(content.size()?)).sum()

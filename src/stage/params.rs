@@ -57,7 +57,7 @@ pub struct Refusal {
     pub path: Cow<'static, str>,
     /// A lower-case clause such as ``must be above 0, but is `-1` ``.
     pub why: String,
-    /// The next step, where there is more to say.
+    /// What the user can do, if `why` does not say it.
     pub help: Option<String>,
 }
 
@@ -67,7 +67,7 @@ impl Refusal {
         Self { path: path.into(), why: why.into(), help: None }
     }
 
-    /// The same with a next step.
+    /// The same refusal with a help text.
     #[must_use]
     pub fn help(self, help: impl Into<String>) -> Self {
         Self { help: Some(help.into()), ..self }

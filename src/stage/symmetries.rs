@@ -20,12 +20,12 @@ use crate::{
 pub struct Symmetries(BTreeMap<String, f64>);
 
 impl Symmetries {
-    /// Whether a transition may be changed.
+    /// Whether any symmetry has a share above 0.
     pub fn change_something(&self) -> bool {
         self.0.values().any(|&share| share > 0.0)
     }
 
-    /// Names that the task does not declare, and shares that are none.
+    /// Refuses names that the task does not declare, and shares outside 0..1.
     pub(super) fn refusals(&self, task: &Task) -> Vec<Refusal> {
         let known = || task.kind.symmetries.iter().map(|symmetry| symmetry.name);
         let mut refusals = Vec::new();
@@ -35,7 +35,8 @@ impl Symmetries {
                 within(&mut refusals, path, share, 0.0, 1.0);
             } else {
                 let help = instead(name, "symmetries", known());
-                refusals.push(Refusal::new(path, format!("is no symmetry of `{}`", task.name())).help(help));
+                refusals
+                    .push(Refusal::new(path, format!("is not a symmetry of the task `{}`", task.name())).help(help));
             }
         }
         refusals
@@ -48,7 +49,7 @@ impl Symmetries {
     }
 }
 
-/// Copies of transitions. Each symmetry changes its share of each copy, whatever the others do.
+/// Copies of transitions. Each symmetry changes its share of each copy, independently of the other symmetries.
 #[derive(Debug)]
 pub struct SymmetricCopies<'a> {
     transitions: &'a Transitions,
@@ -59,8 +60,8 @@ pub struct SymmetricCopies<'a> {
 }
 
 impl StageCx<'_> {
-    /// `count` copies of the transitions, changed at random and alike whenever this stage asks; the transitions themselves
-    /// where no symmetry changes anything.
+    /// `count` copies of the transitions with random changes, or the transitions themselves if no symmetry has a share
+    /// above 0. Every call in a stage gives the same copies.
     pub fn symmetric_copies<'t>(
         &self,
         transitions: &'t Transitions,
@@ -75,7 +76,8 @@ impl StageCx<'_> {
 }
 
 impl SymmetricCopies<'_> {
-    /// Hands out the pictures of x and x', and the action, of every transition of the first copy, then of the next one.
+    /// Gives `take` the pictures of x and x' and the action of every transition of the first copy, then of the next
+    /// copies.
     pub fn for_each(self, mut take: impl FnMut(&[u8], &[f32])) {
         let Self { transitions, frames, symmetries, count, mut rng } = self;
         let (pixels, components) = (transitions.pixels(), transitions.action_dim);

@@ -49,11 +49,11 @@ pub(super) struct Params {
     initial_temperature: f64,
     /// The reward of a step.
     reward: Reward,
-    /// Factor on the speeds of a code in the reward's distance; the mean squared distance stays. For codes that hold
-    /// scaled differences of frames.
+    /// Factor on the speeds of a code in the reward's distance. The distance is rescaled to the same mean square. Needs
+    /// codes that hold scaled differences of frames.
     speed_weight: f64,
-    /// The largest antifriction c of latent rollouts: every step adds c v to each speed v of a code, with another c for
-    /// each rollout and speed. It makes up for the friction that F learns from noisy differences of frames.
+    /// The largest antifriction c of latent rollouts: every step adds c v to each speed v of a code. Each rollout draws
+    /// its own c for each speed. Antifriction balances the friction that F learns from noisy differences of frames.
     antifriction: f64,
     /// Share of the goals that are observations of the data instead of goal images.
     relabel: f64,
@@ -65,7 +65,8 @@ pub(super) struct Params {
     buffer: u64,
     /// Symmetries of the task, each with the share of the transitions that it changes. Goal images stay as they are.
     symmetries: Symmetries,
-    /// Copies of the transitions with changes at random, where latent rollouts begin. Without `symmetries` there are none.
+    /// Number of randomly changed copies of the transitions; latent rollouts begin in all copies. Has no effect without
+    /// `symmetries`.
     symmetric_copies: u64,
 }
 
@@ -218,7 +219,7 @@ fn codes(params: &Params, model: &LceModel, transitions: &Transitions, cx: &Stag
     ensure!(
         !needs_speeds || model.sizes.speeds().is_some(),
         "`antifriction` and `speed_weight` need a model whose codes hold speeds: write `networks = {{ shared_frames = \
-         {{ differences = {{ scaled = {{ scale = 2.0 }} }} }} }}` in its `train_lce` stage, or leave them out"
+         {{ differences = {{ scaled = {{ scale = 2.0 }} }} }} }}` in the `train_lce` stage of the model, or leave both out"
     );
     let (mut observations, mut actions) = (model.pictures(&[]), Vec::new());
     let copies = cx.symmetric_copies(transitions, &params.symmetries, params.symmetric_copies);

@@ -43,7 +43,7 @@ impl Content {
     /// The number of bytes.
     ///
     /// # Errors
-    /// The file cannot be looked at.
+    /// The size of the file cannot be read.
     pub fn size(&self) -> Result<u64> {
         Ok(match self {
             Self::Bytes(bytes) => bytes.len() as u64,

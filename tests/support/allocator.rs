@@ -1,4 +1,4 @@
-//! An allocator that counts what one piece of work asks for on its thread.
+//! An allocator that counts the requests for memory of one piece of work on its thread.
 #![allow(unsafe_code, reason = "a global allocator is unsafe by contract")]
 
 use std::{

@@ -49,7 +49,7 @@ pub fn convolutional_model_and_data(samples: usize) -> (LceModel, Data) {
     of_two_frames(Sizes { images, ..two_frames() }, samples)
 }
 
-/// A small model that reads each of two frames of random pictures by itself, with differences of this form.
+/// A small model that reads each of two frames of random pictures by the same network, with differences of this form.
 pub fn shared_frames_model_and_data(differences: Differences, samples: usize) -> (LceModel, Data) {
     let [read, predicted] = [2, 4].map(|side| PooledPatches { columns: 24, side });
     let frames = SharedFrames { read, predicted, coordinates: 1, differences };

@@ -139,7 +139,7 @@ impl<'a> RunView<'a> {
         if self.finished.contains(&node) {
             return Ok(());
         }
-        // What is not where the run has seen it may have been made again since.
+        // A recording that is gone from its place may have been made again by a repair.
         let is_there = recording.as_ref().is_some_and(|recording| self.folder.join(recording).exists());
         let remade = if is_there { None } else { self.recordings.of_node(&node) };
         self.switch(&node, round, remade.and_then(|path| path.into_os_string().into_string().ok()).or(recording));

@@ -62,10 +62,10 @@ pub struct Sac {
     pub temperature: Temperature,
     /// The reward of a step.
     pub reward: Reward,
-    /// Factor on the speeds of a code in the reward's distance. The mean squared distance stays.
+    /// Factor on the speeds of a code in the reward's distance. The distance is rescaled to the same mean square.
     pub speed_weight: f64,
-    /// The largest antifriction of latent rollouts: each draws a factor c for every speed v, from 0 to this number, and
-    /// every step adds c v to the speed. 0 for none.
+    /// The largest antifriction of latent rollouts. Each rollout draws a factor c from 0 to this number for every speed
+    /// v, and each of its steps adds c v to the speed. 0 for none.
     pub antifriction: f64,
     /// Share of the goals that are codes of the data; the other goals are codes of goal images.
     pub relabel: f64,

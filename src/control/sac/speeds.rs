@@ -1,25 +1,27 @@
-//! What latent rollouts and rewards do with the speeds of codes that hold them (see [`Speeds`]).
+//! Speeds in latent rollouts and rewards, for codes that hold speeds (see [`Speeds`]).
 //!
-//! A speed is a difference of two frames, with the noise of both. The speed of the next step shares one of them, with the
-//! other sign. So an F that is fitted to such codes by least squares shrinks speeds (regression dilution): it has a
-//! friction that the task does not have, and an agent that trains long in F leaves the damping of a swing to it.
+//! A speed is a difference of two frames, with the noise of both. The speed of the next step shares one of these
+//! frames, with the other sign. An F that is fitted to such codes by least squares therefore shrinks speeds (regression
+//! dilution): F has a friction that the task does not have. An agent that trains long in F relies on this friction to
+//! damp its swings.
 
 use crate::{
     lce::{LceModel, Speeds},
     num::{rng::Rng, sampling},
 };
 
-/// Antifriction in latent rollouts: every step adds c v to the speeds v, and their share to the positions.
+/// Antifriction in latent rollouts: every step adds c v to the speeds v, and c v / scale to the positions.
 #[derive(Debug)]
 pub(super) struct Antifriction {
     speeds: Speeds,
+    /// The largest c.
     most: f32,
-    /// c for each speed of each sample of the batch, kept over a rollout.
-    factors: Vec<f32>,
+    /// c for each speed of each sample of the batch. A rollout keeps its factors.
+    pub(super) factors: Vec<f32>,
 }
 
 impl Antifriction {
-    /// Factors up to `most` for a batch of `samples`; `None` where there are none, or codes hold no speeds.
+    /// Antifriction with factors up to `most` for a batch of `samples`; `None` if `most` is 0 or codes hold no speeds.
     pub(super) fn new(model: &LceModel, most: f64, samples: usize) -> Option<Self> {
         let speeds = model.sizes.speeds().filter(|_| most > 0.0)?;
         Some(Self { speeds, most: most as f32, factors: vec![0.0; speeds.positions * samples] })
@@ -31,7 +33,7 @@ impl Antifriction {
         self.factors.fill_with(|| sampling::uniform(rng, 0.0, most));
     }
 
-    /// Adds the antifriction of one step of sample `sample` from code `z` to the step's mean `moved`.
+    /// Adds the antifriction of one step to `moved`, the mean move that F predicts for sample `sample` from code `z`.
     #[inline(always)]
     pub(super) fn push(&self, sample: usize, z: &[f32], moved: &mut [f32]) {
         let Speeds { positions: m, scale } = self.speeds;
@@ -44,8 +46,8 @@ impl Antifriction {
     }
 }
 
-/// Factors on the coordinates of z - z_g in the reward: `weight` on speeds, and one factor on all that keeps the mean
-/// squared distance of the codes to the goals. All are 1 where codes hold no speeds.
+/// Factors on the coordinates of z - z_g in the reward. Speeds are weighted by `weight`. A common factor on all
+/// coordinates keeps the mean squared distance of the codes to the goals. All factors are 1 if codes hold no speeds.
 pub(super) fn distance_factors(model: &LceModel, weight: f64, gaussians: &[f32], goals: &[f32]) -> Vec<f32> {
     let n = model.sizes.latent;
     let Some(Speeds { positions, .. }) = model.sizes.speeds().filter(|_| weight != 1.0) else { return vec![1.0; n] };

@@ -3,8 +3,8 @@ use rand::SeedableRng as _;
 use super::{replay::Tuple, *};
 use crate::{
     control::agent::{Agent, Whitening},
-    lce::{BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes, nets::Nets},
-    nn::mlp::Pass,
+    lce::{BackwardSizes, Differences, ImageNetworks, LceModel, PassiveDynamics, SharedFrames, Sizes, nets::Nets},
+    nn::{binary_images::PooledPatches, mlp::Pass},
     num::{rng::Rng, sampling},
 };
 
@@ -14,11 +14,27 @@ const LOG_SIGMA: f32 = -4.0;
 
 /// A model whose dynamics are z' = z + STRIDE u, with a little noise: relu(u) - relu(-u) is u.
 fn known_model() -> LceModel {
+    known_model_of(ImageNetworks::Dense)
+}
+
+/// The same, with codes of one position and its speed on a scale of 2.
+fn model_with_speeds() -> LceModel {
+    let pixel = PooledPatches { columns: 1, side: 1 };
+    let differences = Differences::Scaled { scale: 2.0 };
+    known_model_of(ImageNetworks::SharedFrames(SharedFrames {
+        read: pixel,
+        predicted: pixel,
+        coordinates: 1,
+        differences,
+    }))
+}
+
+fn known_model_of(images: ImageNetworks) -> LceModel {
     let sizes = Sizes {
         jacobian_heads: false,
         passive_dynamics: PassiveDynamics::None,
-        images: ImageNetworks::Dense,
-        pixels: 1,
+        images,
+        pixels: 2,
         latent: 2,
         action: 2,
         encoder: [1, 1],
@@ -41,7 +57,7 @@ fn known_model() -> LceModel {
         }
     }
     last.w_b_mut(&mut arena).1[2..].fill(LOG_SIGMA);
-    LceModel { sizes, nets, arena, background: vec![0] }
+    LceModel { sizes, nets, arena, background: vec![0; 2] }
 }
 
 fn settings() -> Sac {
@@ -186,7 +202,8 @@ fn plain_target(trainer: &SacTrainer<'_>, sample: usize) -> f64 {
     let double = |values: &[f32]| values.iter().map(|&v| f64::from(v)).collect::<Vec<f64>>();
     let goal = double(tuple.z_goal);
     let reward = |action: &[f64], z: &[f64]| {
-        let squared: f64 = z.iter().zip(&goal).map(|(z, g)| (z - g).powi(2)).sum();
+        let factors = double(&trainer.distance_factors);
+        let squared: f64 = z.iter().zip(&goal).zip(factors).map(|((z, g), factor)| ((z - g) * factor).powi(2)).sum();
         match settings.reward {
             Reward::Distance => -squared.sqrt(),
             Reward::Quadratic => -50.0 * squared - action.iter().map(|u| u * u).sum::<f64>(),
@@ -216,8 +233,11 @@ fn plain_target(trainer: &SacTrainer<'_>, sample: usize) -> f64 {
         if step == settings.rollout {
             return target + discount * smaller_target_critic(agent, whitened(&z), &action);
         }
+        let gained = trainer.antifriction.as_ref().map_or(0.0, |it| f64::from(it.factors[sample]) * z[1]);
         for k in 0..2 {
-            let moved = z[k] + f64::from(STRIDE) * action[k] + f64::from(LOG_SIGMA).exp() * f64::from(noise[2 + k]);
+            let gained = if k == 0 { gained / 2.0 } else { gained };
+            let moved =
+                z[k] + gained + f64::from(STRIDE) * action[k] + f64::from(LOG_SIGMA).exp() * f64::from(noise[2 + k]);
             z[k] = moved.clamp(f64::from(trainer.bounds.low[k]), f64::from(trainer.bounds.high[k]));
         }
         target += discount * reward(&action, &z);
@@ -241,6 +261,38 @@ fn targets_are_those_of_the_algorithm_written_out() {
             assert!(near, "{bootstrap} {reward:?} {rollout}, sample {sample}: {got} is not {want}");
         }
     }
+}
+
+#[test]
+fn antifriction_adds_to_speeds_and_half_as_much_to_positions_and_leaves_the_targets_those_of_the_algorithm() {
+    let (model, codes) = (model_with_speeds(), codes());
+    let trainer = at_rest(&model, &codes, Sac { antifriction: 0.4, speed_weight: 3.0, ..settings() });
+    let factors = &trainer.antifriction.as_ref().expect("codes with speeds").factors;
+    assert!(factors.len() == BATCH && factors.iter().all(|c| (0.0..0.4).contains(c)));
+    assert!(factors.iter().any(|&c| c < 0.1) && factors.iter().any(|&c| c > 0.3));
+    for sample in 0..BATCH {
+        let (got, want) = (f64::from(trainer.scratch.rollout.target.data[sample]), plain_target(&trainer, sample));
+        assert!((got - want).abs() < 1e-4 * want.abs().max(1.0), "sample {sample}: {got} is not {want}");
+    }
+}
+
+#[test]
+fn the_weight_of_speeds_keeps_the_mean_squared_distance_and_codes_without_speeds_have_none() {
+    let (model, codes) = (model_with_speeds(), codes());
+    let trainer = at_rest(&model, &codes, Sac { speed_weight: 3.0, ..settings() });
+    let [position, speed] = trainer.distance_factors[..] else { panic!("two coordinates") };
+    assert!((speed / position - 3.0).abs() < 1e-6);
+    let mean_squared = |factors: [f32; 2]| {
+        let of = |code: &[f32]| {
+            let off = |k: usize| (code[k] - codes.goals[k]) * factors[k];
+            off(0) * off(0) + off(1) * off(1)
+        };
+        codes.data.chunks_exact(4).map(of).sum::<f32>()
+    };
+    assert!((mean_squared([position, speed]) / mean_squared([1.0; 2]) - 1.0).abs() < 1e-4);
+    let known = known_model();
+    let without = at_rest(&known, &codes, Sac { speed_weight: 3.0, antifriction: 0.4, ..settings() });
+    assert!(without.antifriction.is_none() && without.distance_factors == [1.0; 2]);
 }
 
 /// Mean distance to the goal after ten mean actions of the acting policy, under the true dynamics.

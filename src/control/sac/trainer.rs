@@ -53,8 +53,8 @@ pub struct SacTrainer<'a> {
     pub(super) codes: &'a Codes,
     pub(super) settings: Sac,
     pub(super) bounds: LatentBox,
-    distance_factors: Vec<f32>,
-    antifriction: Option<Antifriction>,
+    pub(super) distance_factors: Vec<f32>,
+    pub(super) antifriction: Option<Antifriction>,
     pub(super) scratch: Scratch,
     pub(super) is_finite: bool,
 }

@@ -10,7 +10,8 @@ use crate::{
     num::Real,
 };
 
-/// Where the layers are in the arena. A code \[q; v\] shows q in the newest frame and q - v/scale in the older one.
+/// Where the layers are in the arena. The frames of a code \[q; v\] are decoded from q (the newest) and from
+/// q - v/scale (the older).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SharedFrameDecoder {
     frame: Mlp<3>,

@@ -24,8 +24,8 @@ pub struct OutputRows {
 }
 
 impl BinaryImages {
-    /// Computes W x_reference + b, the start of every column that [`BinaryImages::affine`] computes. A layer that reads
-    /// single frames needs a dark reference.
+    /// Computes W x_reference + b, the start of every column that [`BinaryImages::affine`] computes. If a layer reads
+    /// single frames, the reference must be dark.
     pub fn base<T: Real>(&self, layer: &Linear, arena: &[T], base: &mut [T]) {
         base.copy_from_slice(layer.b(arena));
         for entry in self.reference_lit() {
@@ -50,7 +50,7 @@ impl BinaryImages {
     }
 
     /// Sets or adds dW = Σ dy xᵀ and db = Σ dy over the images `which`. Columns of `dy` are laid out like those of `y` in
-    /// [`BinaryImages::affine`]. To add, images need a dark reference.
+    /// [`BinaryImages::affine`]. For `Accumulate::Add`, the reference must be dark.
     #[allow(clippy::too_many_arguments, reason = "a matrix product names its operands and where its result goes")]
     pub fn gradient<T: Real>(
         &self,

@@ -133,7 +133,7 @@ impl<T: Real> WeightGradient<'_, T> {
     }
 
     /// Sets the start of every column: an entry that is lit in the reference is lit in all images, apart from changes.
-    /// Where gradients are added, every column has its start.
+    /// If gradients are added, the columns stay as they are.
     #[inline(always)]
     fn start(&mut self, at: usize, len: usize) {
         if self.accumulate == Accumulate::Add {

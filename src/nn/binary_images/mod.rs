@@ -39,7 +39,7 @@ pub struct BinaryImages {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Patches {
     read: PooledPatches,
-    /// As large as those that are read, or larger by a whole factor.
+    /// The side is a multiple of the side of `read`.
     predicted: PooledPatches,
 }
 
@@ -61,7 +61,7 @@ impl BinaryImages {
     }
 
     /// An empty list of images with `pixels` pixels. Networks read them as the patches `read` and predict the patches
-    /// `predicted`, which are as large or larger by a whole factor. The reference is dark.
+    /// `predicted`. The side of `predicted` is a multiple of the side of `read`. The reference is dark.
     pub fn pooled(pixels: usize, read: PooledPatches, predicted: PooledPatches) -> Self {
         let reference = Reference { is_lit: vec![false; pixels / read.area()], lit: Vec::new() };
         Self::empty(pixels, Some(Patches { read, predicted }), reference)
@@ -133,12 +133,12 @@ impl BinaryImages {
         }
     }
 
-    /// Pixels of what a decoder predicts as one number.
+    /// The number of pixels for which a decoder predicts one common number.
     pub fn predicted_area(&self) -> usize {
         self.patches.map_or(1, |patches| patches.predicted.area())
     }
 
-    /// How often a layer that reads `n_in` entries fits into an image: once for each frame that it reads by itself.
+    /// The number of frames into which an image divides for a layer that reads `n_in` entries at a time.
     pub fn frames(&self, n_in: usize) -> usize {
         self.reference.is_lit.len() / n_in
     }
@@ -153,8 +153,8 @@ impl BinaryImages {
         self.len() == 0
     }
 
-    /// What a decoder of an image must give: indices of predicted pixels or patches, each with a number of lit pixels. An
-    /// index may come several times; its numbers add up.
+    /// The target of a decoder for an image: indices of predicted pixels or patches, each with a number of lit pixels.
+    /// If an index comes several times, its numbers add up.
     pub fn lit(&self, image: u32) -> impl Iterator<Item = (usize, usize)> + '_ {
         let by_pixels = self.patches.is_none();
         let is_dark = move |change: Change| by_pixels && change.is_dark();

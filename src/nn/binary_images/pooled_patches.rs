@@ -23,7 +23,8 @@ impl PooledPatches {
         row / self.side * (self.columns / self.side) + column / self.side
     }
 
-    /// The index of the patch that holds a patch of `smaller` ones, whose side divides this side.
+    /// The index of the patch that holds patch `patch` of the patches `smaller`. The side of `smaller` divides this
+    /// side.
     #[inline]
     pub(super) fn around_patch(self, smaller: Self, patch: usize) -> usize {
         if smaller == self {

@@ -9,10 +9,10 @@ use crate::{
     num::Real,
 };
 
-/// The columns of a network, by the frame of an image that the network reads: the whole image, or one of its frames. An
-/// image has one column for each of its frames, in the order of the frames.
+/// A network reads an image as a whole, or each frame of the image by itself. An image has one column for each frame
+/// that is read, in the order of the frames.
 impl<const L: usize> Mlp<L> {
-    /// The frames of an image: as often as the first layer's inputs fit into it.
+    /// The rows and entries of each frame of an image. The first layer reads one frame at a time.
     fn frames(&self, images: &BinaryImages) -> impl Iterator<Item = OutputRows> + use<L> {
         let layer = self.layers[0];
         let frames = images.frames(layer.n_in);

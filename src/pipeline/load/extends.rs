@@ -134,7 +134,7 @@ fn lay_stages(below: &mut Table, above: Table, path: &str, mistakes: &mut Vec<Di
     }
 }
 
-/// A stage that the base does not have.
+/// The mistake of naming a stage that the base does not have.
 struct NoStage {
     mistake: Diagnostic,
     /// The stage that may be meant.

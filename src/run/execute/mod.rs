@@ -80,13 +80,13 @@ pub struct Report {
     pub state: RunState,
     /// The manifest as its folder keeps it.
     pub manifest: Manifest,
-    /// What else became of each node of the manifest.
+    /// What the manifest does not hold of each node, in the order of its nodes.
     pub ends: Vec<NodeEnd>,
     /// Seconds from start to end.
     pub wall_secs: f64,
 }
 
-/// What only this run knows of a node.
+/// What this run knows of a node beyond the record in the manifest.
 #[derive(Debug)]
 pub struct NodeEnd {
     /// Seconds that it worked in this run.

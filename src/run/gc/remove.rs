@@ -36,8 +36,8 @@ pub fn remove(store: &LocalStore, runs: &Path, plan: &Plan) -> anyhow::Result<()
     sweep(runs)
 }
 
-/// Removes the folders that this or an earlier cleaning has renamed, and those of runs that were killed before they had
-/// their names.
+/// Removes the folders that this or an earlier cleaning has renamed, and the folders of runs that were killed before
+/// their folders had names.
 fn sweep(runs: &Path) -> anyhow::Result<()> {
     let items = match fs::read_dir(runs) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),

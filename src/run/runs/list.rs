@@ -31,7 +31,7 @@ pub fn list(runs: &Path) -> anyhow::Result<Vec<Found>> {
     list_with(runs, &numbers::read(runs))
 }
 
-/// All runs, newest first; `numbers` spares reading those that it holds.
+/// All runs, newest first. The files of a run are read only if `numbers` lacks the run.
 pub(super) fn list_with(runs: &Path, numbers: &Numbers) -> anyhow::Result<Vec<Found>> {
     let items = match fs::read_dir(runs) {
         Ok(items) => items,

@@ -1,6 +1,6 @@
-//! The numbers that runs have taken: one line of `numbers` for each, with the number, the id and a checksum of both. A run
-//! takes its number under a lock, so no two runs have the same. With this file, the order of runs is known without reading
-//! each of them.
+//! The numbers that runs have taken: one line of `numbers` for each, with the number, the id and a checksum of both. A
+//! run takes its number under a lock, so no two runs have the same number. With this file, the order of runs is known
+//! without reading each run.
 
 use std::{
     collections::BTreeMap,
@@ -17,11 +17,11 @@ use crate::{digest::Digest, failpoint::failpoint};
 /// The file in the folder of the runs.
 const FILE: &str = "numbers";
 
-/// A larger number is damage, and would leave none for the next run.
+/// A number as large as this is damage. It would leave no number for the next run.
 pub(super) const MOST: u64 = 1 << 53;
 
-/// The numbers of runs by their ids. A run that is missing, such as one of another folder, has its number in its own
-/// files, too.
+/// The numbers of runs by their ids. If a run is missing here, for example because it was copied from another folder,
+/// its own files hold its number.
 pub(super) type Numbers = BTreeMap<String, u64>;
 
 /// The numbers that are written down. Lines that are damaged are left out.
@@ -40,14 +40,14 @@ pub(super) fn take(runs: &Path, id: &str) -> anyhow::Result<u64> {
     let numbers = parse(&text);
     let newest = list_with(runs, &numbers)?.first().and_then(|newest| newest.number);
     let number = newest.max(numbers.values().copied().max()).unwrap_or(0) + 1;
-    // A line that a full disk cut short ends here.
+    // If a full disk cut the last line short, this line break ends it.
     let ended = if text.last().is_some_and(|&byte| byte != b'\n') { "\n" } else { "" };
     let line = format!("{ended}{}\n", line(number, id));
     failpoint!("take number", file.write_all(line.as_bytes())).with_context(cannot_take)?;
     Ok(number)
 }
 
-/// A line without its end. The checksum tells a flipped digit, which would order runs wrongly.
+/// A line without its line break. The checksum reveals a flipped digit, which would change the order of runs.
 fn line(number: u64, id: &str) -> String {
     let text = format!("{number} {id}");
     let check = &Digest::of_bytes(text.as_bytes()).hex()[..8];

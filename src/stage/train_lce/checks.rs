@@ -17,8 +17,8 @@ pub(super) fn out_of_range(params: &Params) -> Vec<Refusal> {
     networks(params.networks, &mut refusals);
     lambda(&params.lambda, &mut refusals);
     if params.lambda.regularizer > 0.0 && params.symmetries.change_something() {
-        let why = "must be 0 with `symmetries`, since L_reg knows the old policy's actions in unchanged pictures alone";
-        let help = "or give every symmetry of the task the share 0";
+        let why = "must be 0 with `symmetries`: L_reg knows the old policy's actions only in unchanged pictures";
+        let help = "set it to 0, or give every symmetry the share 0";
         refusals.push(Refusal::new("lambda.regularizer", why).help(help));
     }
     within(&mut refusals, "weight_decay", params.weight_decay, 0.0, 1e6);

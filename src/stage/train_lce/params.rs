@@ -47,11 +47,12 @@ pub(in crate::stage) enum Networks {
     Paper,
     /// Fully connected with two hidden layers of 128. They read the share of lit pixels in each patch of the image.
     PooledPatches(Patches),
-    /// One such network for every frame of two. Codes hold positions in the newest frame, then differences to the older.
+    /// One such network reads each of two frames. A code holds positions in the newest frame, then differences to the
+    /// older.
     SharedFrames(FramePatches),
 }
 
-/// How every frame is read, and what a code holds of it.
+/// How a frame is read, and what a code holds of the frames.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub(in crate::stage) struct FramePatches {
@@ -172,11 +173,11 @@ pub(in crate::stage) struct Params {
     pub(super) warm_up: WarmUpSchedule,
     /// The ramp after the warm-up.
     pub(super) ramp: Ramp,
-    /// Symmetries of the task, each with the share of the transitions that it changes. They are applied to what the
-    /// networks learn from; map checks and value-guided weights are those of the unchanged transitions.
+    /// Symmetries of the task, each with the share of the transitions that it changes. The networks learn from the
+    /// changed transitions. Map checks and value-guided weights use the unchanged ones.
     pub(super) symmetries: Symmetries,
-    /// Copies of the transitions with changes at random. A training step draws one of them for every transition. Without
-    /// `symmetries` there are none.
+    /// Number of randomly changed copies of the transitions. A training step draws one copy of every transition. Has no
+    /// effect without `symmetries`.
     pub(super) symmetric_copies: u64,
     /// The passive dynamics of the codes that the anchor assumes.
     pub(super) passive_dynamics: PassiveDynamics,
@@ -189,7 +190,8 @@ pub(in crate::stage) struct Params {
     /// Maximum number of retrainings from new weights when a map check fails; the best map is kept. Where a retraining
     /// replaces a model from `warm_start`, its warm-up and ramp come on top of `epochs`.
     pub(super) restarts: u64,
-    /// The `action_alignment` below which a map counts as folded; 0 where an action moves codes too little to measure it.
+    /// The `action_alignment` below which a map counts as folded. 0 turns the check off, for tasks in which an action
+    /// moves codes too little to measure it.
     pub(super) least_alignment: f64,
     /// Adam step size; the default is the paper's.
     pub(super) learning_rate: f64,

@@ -35,7 +35,7 @@ impl Temporary {
         let bytes = || parts.iter().map(|part| part.as_ref().len()).sum::<usize>();
         let context = || format!("cannot write in {} ({} bytes)", folder.display(), bytes());
         let mut file = fresh_file(folder, "").or_io(context)?;
-        // The error of the file itself; that of the library would name the path once more.
+        // The error of the file itself. The library's error would name the path a second time.
         let written = parts.iter().try_for_each(|part| file.as_file_mut().write_all(part.as_ref()));
         failpoint!("write temporary", written).or_io(context)?;
         Ok(Self(file))

@@ -106,6 +106,17 @@ fn stages_and_axes_can_be_added_and_lists_are_replaced() {
 }
 
 #[test]
+fn a_stage_of_the_base_and_an_input_can_be_left_out() {
+    let without = "[stages]\ndistill = false\ncontrol.inputs.start = []\n\n[stages.represent]\n";
+    let without = changed("[stages.represent]\n", without);
+    assert!(without.nodes.iter().all(|node| node.stage != "distill"));
+    assert_eq!(taken(&without, "control@1", "start"), [""; 0]);
+    let carried = SHORT.replacen("[stages.represent]\n", "[stages]\ndistill = false\n\n[stages.represent]\n", 1);
+    let carried = graph(&carried, &["control.inputs.start=control@prev"], &[]);
+    assert_eq!(taken(&carried, "control@2", "start"), ["control@1"]);
+}
+
+#[test]
 fn arguments_change_what_the_two_files_say_together() {
     let graph = graph(SHORT, &["represent.epochs=9", "bootstrap.samples=5"], &["represent.lambda.curvature=1,2"]);
     assert_eq!(node(&graph, "bootstrap").params["samples"], 5);
@@ -163,6 +174,7 @@ fn mistakes_stand_in_the_file_that_they_were_written_in() {
         ("a mistake in the file", wrong("epochs = 2", "epoch = 2")),
         ("mistakes in both", wrong("online.toml\"", "wrong.toml\"\nsede = 3")),
         ("a stage that is not in the base", wrong("stages.represent", "stages.represents")),
+        ("no stage to leave out", wrong("[stages.represent]", "[stages]\ndistil = false\n\n[stages.represent]")),
         ("an option of the base's task", wrong("[loop]", "[task]\nenv = \"planar\"\ntorque = 1.0\n\n[loop]")),
         ("an argument", argued(&["represnt.epochs=3", "represent.epochs=x"])),
     ];
