@@ -9,7 +9,7 @@
 use super::shared_frames::SharedFrames;
 use super::{
     gaussian_pair::GaussianPair,
-    shared_frames::Differences,
+    shared_frames::Speeds,
     sizes::{ImageNetworks, Sizes},
 };
 use crate::num::Real;
@@ -29,13 +29,10 @@ impl<T: Real> Push<T> {
     /// The push for networks of these sizes.
     pub(super) fn of(sizes: &Sizes) -> Self {
         let n = sizes.latent;
-        let (positions, anchored, scale) = match sizes.images {
-            ImageNetworks::SharedFrames(frames) => match frames.differences {
-                Differences::None => (n, n, 0.0),
-                Differences::Scaled { scale } => (frames.coordinates, n, scale),
-                Differences::Mixed { .. } => (frames.coordinates, frames.coordinates, 0.0),
-            },
-            _ => (n, n, 0.0),
+        let (positions, anchored, scale) = match (sizes.speeds(), sizes.images) {
+            (Some(Speeds { positions, scale }), _) => (positions, n, scale),
+            (None, ImageNetworks::SharedFrames(frames)) => (frames.coordinates, frames.coordinates, 0.0),
+            (None, _) => (n, n, 0.0),
         };
         Self { positions, anchored, difference_scale: T::of(scale) }
     }

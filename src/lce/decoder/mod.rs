@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use super::{
     by_kind::{ByKind, every_kind},
-    shared_frames::{Differences, FRAMES, SharedFrames},
+    shared_frames::{FRAMES, Speeds},
     sizes::{ImageNetworks, Sizes},
 };
 use crate::{
@@ -35,15 +35,11 @@ pub(super) type DecoderColumns<'a, T> =
 impl Decoder {
     /// Lays out the decoder.
     pub(super) fn new(layout: &mut Layout, sizes: &Sizes) -> Self {
+        if let Some(Speeds { positions, scale }) = sizes.speeds() {
+            let logits = sizes.predicted_entries() / FRAMES;
+            return Self::SharedFrames(SharedFrameDecoder::new(layout, positions, scale, sizes.decoder, logits));
+        }
         match sizes.images {
-            ImageNetworks::SharedFrames(SharedFrames {
-                coordinates,
-                differences: Differences::Scaled { scale },
-                ..
-            }) => {
-                let logits = sizes.predicted_entries() / FRAMES;
-                Self::SharedFrames(SharedFrameDecoder::new(layout, coordinates, scale, sizes.decoder, logits))
-            }
             ImageNetworks::Dense | ImageNetworks::Patches(_) | ImageNetworks::SharedFrames(_) => {
                 let [first, second] = sizes.decoder;
                 Self::Dense(layout.mlp("decoder", sizes.latent, [first, second, sizes.predicted_entries()]))

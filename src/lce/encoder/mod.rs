@@ -65,7 +65,7 @@ impl<T: Real> EncoderPass<T> {
     pub(super) fn pack(&mut self, arena: &[T], images: &BinaryImages) {
         match self {
             Self::Dense(pass) => pass.pack(arena, images),
-            Self::SharedFrames(pass) => pass.pack(arena),
+            Self::SharedFrames(pass) => pass.pack(arena, images),
             Self::Convolutional(pass) => pass.pack(arena),
         }
     }

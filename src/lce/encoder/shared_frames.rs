@@ -61,7 +61,7 @@ impl SharedFrameEncoder {
 #[derive(Debug, Clone)]
 pub(in crate::lce) struct SharedFrameEncoderPass<T> {
     net: SharedFrameEncoder,
-    /// b of the first layer.
+    /// The start of every column of the first layer: its biases, since patches have a dark reference.
     base: Vec<T>,
     frame: Pass<T, 3>,
     log_sigma: Block<T>,
@@ -117,9 +117,8 @@ impl<T: Real> SharedFrameEncoderPass<T> {
         }
     }
 
-    /// Patches have a dark reference, so every column of the first layer begins with its biases.
-    pub(super) fn pack(&mut self, arena: &[T]) {
-        self.base.copy_from_slice(self.net.frame.layers[0].b(arena));
+    pub(super) fn pack(&mut self, arena: &[T], images: &BinaryImages) {
+        images.base(&self.net.frame.layers[0], arena, &mut self.base);
     }
 
     pub(super) fn view(&mut self, samples: usize) -> SharedFrameEncoderColumns<'_, T> {

@@ -117,8 +117,7 @@ fn lay_stages(below: &mut Table, above: Table, path: &str, mistakes: &mut Vec<Di
     for Entry { key, value } in above {
         if value.value == Value::Boolean(false) {
             if below.take(&key.text).is_none() {
-                let NoStage { mistake, help } = no_stage(path, &key, &known);
-                mistakes.push(mistake.help(help));
+                mistakes.push(no_stage(path, &key, &known, ""));
             }
             continue;
         }
@@ -126,24 +125,17 @@ fn lay_stages(below: &mut Table, above: Table, path: &str, mistakes: &mut Vec<Di
         match (below.get_mut(&key.text).map(|tree| &mut tree.value), value.value) {
             (Some(Value::Table(below)), Value::Table(above)) if !is_whole => below.lay_over(above),
             (None, _) if !is_whole => {
-                let NoStage { mistake, help } = no_stage(path, &key, &known);
-                mistakes.push(mistake.help(format!("{help} (a new stage needs a `kind`)")));
+                mistakes.push(no_stage(path, &key, &known, " (a new stage needs a `kind`)"));
             }
             (_, stage) => below.insert(key, Tree { value: stage, span: value.span }),
         }
     }
 }
 
-/// The mistake of naming a stage that the base does not have.
-struct NoStage {
-    mistake: Diagnostic,
-    /// The stage that may be meant.
-    help: String,
-}
-
-fn no_stage(path: &str, key: &Key, known: &[String]) -> NoStage {
-    let mistake = Diagnostic::at(key.span.clone(), format!("`{path}` has no stage `{}`", key.text));
-    NoStage { mistake, help: instead(&key.text, "stages", known.iter().map(String::as_str)) }
+/// The mistake of naming a stage that the base does not have. `note` follows the stages that may be meant.
+fn no_stage(path: &str, key: &Key, known: &[String], note: &str) -> Diagnostic {
+    let help = instead(&key.text, "stages", known.iter().map(String::as_str));
+    Diagnostic::at(key.span.clone(), format!("`{path}` has no stage `{}`", key.text)).help(format!("{help}{note}"))
 }
 
 fn lay_axes(below: &mut Table, above: Table) {
