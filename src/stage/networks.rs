@@ -1,9 +1,17 @@
 //! Widths of the networks that learn a task.
 
+use super::StageCx;
 use crate::{
     env::{Frames, NetworkSizes, Spec, Task},
     lce::{BackwardSizes, ImageNetworks, PassiveDynamics, Sizes},
 };
+
+impl StageCx<'_> {
+    /// How many frames the task stacks in one observation.
+    pub(super) fn frames_of_observation(&self) -> usize {
+        self.task.spec().frames.count
+    }
+}
 
 /// The networks that the paper's appendix gives for a task.
 pub fn network_sizes(task: &Task) -> Sizes {

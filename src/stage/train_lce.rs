@@ -150,8 +150,8 @@ fn new_model(
     transitions: &Transitions,
     cx: &StageCx<'_>,
 ) -> anyhow::Result<TrainedModel> {
-    let sizes = network_sizes(cx.task);
-    let mut model = new_model::random_model(params, transitions, sizes, &mut cx.rng(("weights", attempt)))?;
+    let (sizes, frames) = (network_sizes(cx.task), cx.frames_of_observation());
+    let mut model = new_model::random_model(params, transitions, sizes, frames, &mut cx.rng(("weights", attempt)))?;
     model.set_passive_dynamics(params.passive_dynamics);
     Ok(model)
 }

@@ -8,11 +8,12 @@ use crate::{
     num::rng::Rng,
 };
 
-/// A model with random weights.
+/// A model with random weights, for observations of so many frames.
 pub(super) fn random_model(
     params: &Params,
     transitions: &Transitions,
     mut sizes: Sizes,
+    frames: usize,
     rng: &mut Rng,
 ) -> anyhow::Result<TrainedModel> {
     sizes.jacobian_heads = params.slopes == Slopes::Amortized;
@@ -22,8 +23,8 @@ pub(super) fn random_model(
             let patches = cut(transitions.picture, patches.side, "networks.pooled_patches.side")?;
             sizes = reading_patches(ImageNetworks::Patches(patches), sizes);
         }
-        Networks::SharedFrames(frames) => {
-            let frames = shared_frames(frames, transitions.picture)?;
+        Networks::SharedFrames(patches) => {
+            let frames = shared_frames(patches, transitions.picture, frames)?;
             sizes = Sizes { latent: frames.latent(), ..reading_patches(ImageNetworks::SharedFrames(frames), sizes) };
         }
     }
@@ -39,17 +40,21 @@ fn reading_patches(images: ImageNetworks, sizes: Sizes) -> Sizes {
     Sizes { images, encoder: hidden, decoder: hidden, backward, ..sizes }
 }
 
-fn shared_frames(frames: FramePatches, (rows, columns): (usize, usize)) -> anyhow::Result<SharedFrames> {
+fn shared_frames(
+    patches: FramePatches,
+    (rows, columns): (usize, usize),
+    frames: usize,
+) -> anyhow::Result<SharedFrames> {
     anyhow::ensure!(
-        rows == FRAMES * columns,
-        "`networks = \"shared_frames\"` needs observations of {FRAMES} square frames; these have {rows} x {columns} pixels"
+        frames == FRAMES,
+        "`networks = \"shared_frames\"` needs observations of {FRAMES} frames; those of the task have {frames}"
     );
     let frame = (rows / FRAMES, columns);
     Ok(SharedFrames {
-        read: cut(frame, frames.side, "networks.shared_frames.side")?,
-        predicted: cut(frame, frames.predicted_side, "networks.shared_frames.predicted_side")?,
-        coordinates: frames.coordinates as usize,
-        differences: frames.differences,
+        read: cut(frame, patches.side, "networks.shared_frames.side")?,
+        predicted: cut(frame, patches.predicted_side, "networks.shared_frames.predicted_side")?,
+        coordinates: patches.coordinates as usize,
+        differences: patches.differences,
     })
 }
 
