@@ -17,8 +17,9 @@ pub(super) struct ExportLatentMap;
 
 impl Stage for ExportLatentMap {
     const KIND: &'static str = "export_latent_map";
-    /// 2: the artifact holds colours and axes in place of an SVG picture; `carl-pipe plot` draws the picture.
-    const VERSION: u32 = 2;
+    /// 2: the artifact holds colours and axes in place of an SVG picture; `carl-pipe plot` draws the picture. 3: numbers of
+    /// a code that all states share no longer make the quality 0.
+    const VERSION: u32 = 3;
     const ABOUT: &'static str = "the codes of all valid states, for `carl-pipe plot` to draw";
     type Params = NoParams;
     type Inputs = Inputs;

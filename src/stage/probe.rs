@@ -67,9 +67,12 @@ pub fn write(map: &LatentMap, record: &mut Recorder, at: At) {
 /// R² of the best affine map from codes to coordinates: 1 for a perfect fit, 0 where codes say nothing.
 fn affine_fit(codes: &[f32], latent: usize, coordinates: &[Vec<f32>]) -> f64 {
     let count = coordinates.first().map_or(0, Vec::len);
-    let row = |i: usize| codes[i * latent..][..latent].iter().map(|&z| f64::from(z)).chain([1.0]).collect::<Vec<f64>>();
+    // Numbers of a code that all states share say nothing, such as speeds of states at rest.
+    let varies = |&k: &usize| codes.iter().skip(k).step_by(latent).any(|&z| z != codes[k]);
+    let varying: Vec<usize> = (0..latent).filter(varies).collect();
+    let row = |i: usize| varying.iter().map(|&k| f64::from(codes[i * latent + k])).chain([1.0]).collect::<Vec<f64>>();
     // Normal equations, with the right-hand side of every coordinate to the right.
-    let width = latent + 1;
+    let width = varying.len() + 1;
     let mut equations = vec![vec![0.0; width + count]; width];
     for (i, place) in coordinates.iter().enumerate() {
         let x = row(i);
@@ -99,6 +102,13 @@ mod tests {
         let places: Vec<Vec<f32>> = (0..100).map(|i| vec![(i % 10) as f32 / 10.0, (i / 10) as f32 / 10.0]).collect();
         let codes: Vec<f32> = places.iter().flat_map(|p| [2.0 * p[0] - p[1] + 1.0, p[0] + 3.0 * p[1]]).collect();
         assert!((super::affine_fit(&codes, 2, &places) - 1.0).abs() < 1e-6);
-        assert_eq!(super::affine_fit(&vec![1.0; 200], 2, &places), 0.0);
+        assert!(super::affine_fit(&vec![1.0; 200], 2, &places).abs() < 1e-6);
+    }
+
+    #[test]
+    fn numbers_that_all_codes_share_do_not_matter() {
+        let places: Vec<Vec<f32>> = (0..10).map(|i| vec![i as f32]).collect();
+        let codes: Vec<f32> = (0..10).flat_map(|i| [0.0, 2.0 * i as f32, 0.0]).collect();
+        assert!((super::affine_fit(&codes, 3, &places) - 1.0).abs() < 1e-6);
     }
 }
