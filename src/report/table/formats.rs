@@ -63,6 +63,7 @@ fn objects(grid: &Grid, about: About<'_>, store: &dyn ResultStore) -> anyhow::Re
             object["ceiling"] = json!(series.ceiling());
             object["share_of_ceiling"] = json!(series.ceiling().map(|it| 100.0 * series.estimate().mean / it));
             object["paper"] = json!(series.label("paper"));
+            object["additions"] = json!(series.label("additions"));
         }
         object["models"] = series.outcomes.iter().zip(&series.values).map(|(it, value)| model(it, *value)).collect();
         objects.push(object);

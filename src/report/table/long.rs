@@ -59,7 +59,7 @@ fn statistics(series: &Series) -> [Column; 6] {
 }
 
 /// What is known only of the share of time at the goal.
-fn goal(series: &Series, store: &dyn ResultStore) -> anyhow::Result<[Column; 5]> {
+fn goal(series: &Series, store: &dyn ResultStore) -> anyhow::Result<[Column; 6]> {
     let mean_of =
         |metric| -> anyhow::Result<String> { Ok(series.mean_of(metric, store)?.map_or_else(String::new, number)) };
     let ceiling = series.ceiling();
@@ -70,6 +70,7 @@ fn goal(series: &Series, store: &dyn ResultStore) -> anyhow::Result<[Column; 5]>
         column("ceiling", ceiling.map_or_else(String::new, |it| format!("{it:.1}"))),
         column("share of ceiling", share.unwrap_or_default()),
         column("paper", series.label("paper").unwrap_or_default()),
+        column("beyond the paper", series.label("additions").unwrap_or_default()),
     ])
 }
 

@@ -12,7 +12,7 @@ seeds = "0..3"
 
 [suite.plain]
 pipeline = "toy.toml"
-labels = { algorithm = "plain", paper = "12.5 ± 1" }
+labels = { algorithm = "plain", paper = "12.5 ± 1", additions = "a longer view" }
 
 [suite.more]
 pipeline = "toy.toml"
