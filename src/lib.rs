@@ -15,5 +15,6 @@ pub mod pipeline;
 pub mod record;
 pub mod report;
 pub mod run;
+pub mod solar;
 pub mod stage;
 pub mod store;

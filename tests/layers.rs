@@ -18,6 +18,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
     ("nn", &[("num", "random weights, portable math, vectors, threads")]),
     ("env", &[("num", "random starts, goals and noise; portable math")]),
     ("lce", &[("num", "random weights and noise"), ("nn", "networks")]),
+    ("solar", &[("num", "vectors, numbers of both precisions")]),
     (
         "control",
         &[
@@ -113,7 +114,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
 
 /// What learns: it gets pictures, actions and codes, and a true state cannot reach it.
 const LEARNING: &[&str] =
-    &["lce", "control", "artifact/transitions.rs", "artifact/lce_model.rs", "artifact/agent.rs", "nn"];
+    &["lce", "solar", "control", "artifact/transitions.rs", "artifact/lce_model.rs", "artifact/agent.rs", "nn"];
 
 /// What moves the world, among files that learn.
 const ACTING: &[&str] = &["control/episodes.rs", "control/oracle.rs"];

@@ -9,6 +9,7 @@ mod environments;
 mod finite_artifacts;
 mod golden_environments;
 mod golden_losses;
+mod golden_solar;
 mod gradients;
 mod instruction_sets;
 mod map_checks;
