@@ -24,7 +24,10 @@ use carl_pipe::{
     },
     num::rng::Rng,
 };
-use models::{convolutional_model_and_data, every_term, model_and_data, sac_settings, shared_frames_model_and_data};
+use models::{
+    convolutional_model_and_data, every_term, every_term_of_e2c, every_term_of_pc3, every_term_of_rce, locally_linear,
+    model_and_data, sac_settings, shared_frames_model_and_data,
+};
 use rand::SeedableRng as _;
 
 /// Two whole batches.
@@ -101,6 +104,24 @@ fn a_training_step_allocates_nothing(model: LceModel, data: &Data) {
     for which in later {
         let asked = asked(|| _ = trainer.step(1, data, which, &objective, &mut rng));
         assert_eq!(asked, NOTHING, "{} samples", which.len());
+    }
+    trainer.pc3_step(1, data, first, &every_term_of_pc3(), &mut rng);
+    for which in later {
+        let asked = asked(|| _ = trainer.pc3_step(1, data, which, &every_term_of_pc3(), &mut rng));
+        assert_eq!(asked, NOTHING, "PC3, {} samples", which.len());
+    }
+    let model = locally_linear(&trainer.model);
+    let adam = Adam::new(model.arena.len());
+    let mut trainer = Trainer::new(model, adam, AdamSettings { learning_rate: 5e-4, weight_decay: 1e-3 });
+    trainer.e2c_step(1, data, first, &every_term_of_e2c(), &mut rng);
+    for which in later {
+        let asked = asked(|| _ = trainer.e2c_step(1, data, which, &every_term_of_e2c(), &mut rng));
+        assert_eq!(asked, NOTHING, "E2C, {} samples", which.len());
+    }
+    trainer.rce_step(1, data, first, &every_term_of_rce(), &mut rng);
+    for which in later {
+        let asked = asked(|| _ = trainer.rce_step(1, data, which, &every_term_of_rce(), &mut rng));
+        assert_eq!(asked, NOTHING, "RCE, {} samples", which.len());
     }
 }
 

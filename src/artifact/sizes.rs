@@ -31,6 +31,9 @@ pub(super) struct SizesFile {
     backward: [usize; 4],
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     slopes: bool,
+    /// Whether F is a locally linear transition.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    locally_linear: bool,
     #[serde(default, skip_serializing_if = "PassiveDynamics::is_none")]
     drift: PassiveDynamics,
 }
@@ -83,6 +86,7 @@ impl From<&Sizes> for SizesFile {
             dynamics: sizes.dynamics,
             backward: [z, u, x, joint],
             slopes: sizes.jacobian_heads,
+            locally_linear: sizes.locally_linear,
             drift: sizes.passive_dynamics,
         }
     }
@@ -110,6 +114,7 @@ impl TryFrom<SizesFile> for Sizes {
             dynamics: file.dynamics,
             backward: BackwardSizes { z, u, x, joint },
             jacobian_heads: file.slopes,
+            locally_linear: file.locally_linear,
             passive_dynamics: file.drift,
         };
         check(&sizes)?;
@@ -122,6 +127,7 @@ fn check(sizes: &Sizes) -> anyhow::Result<()> {
     let &Sizes { pixels, latent, action, encoder, decoder, dynamics, backward, .. } = sizes;
     let BackwardSizes { z, u, x, joint } = backward;
     check_widths([pixels, latent, action, z, u, x, joint].iter().chain(&encoder).chain(&decoder).chain(&dynamics))?;
+    ensure!(!(sizes.jacobian_heads && sizes.locally_linear), "a locally linear F has no heads for slopes");
     match sizes.images {
         ImageNetworks::Dense => {}
         ImageNetworks::Convolutional { frames, rows, columns } => {

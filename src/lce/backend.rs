@@ -1,13 +1,17 @@
 //! What computes a training step: loss terms and gradient for a batch.
 
 use super::{
+    e2c::{E2cLoss, E2cTerms, E2cWorkspace},
     model::LceModel,
     objective::{Batch, Terms, Weights, Workspace},
+    pc3::{Pc3Loss, Pc3Terms, Pc3Workspace},
+    rce::{RceLoss, RceTerms, RceWorkspace},
+    transition_batch::TransitionBatch,
     warm_up::{WarmUp, WarmUpBatch, WarmUpTerms, WarmUpWorkspace},
 };
 use crate::num::Real;
 
-/// Samples of a batch (paper, "Training Hyper-Parameters").
+/// Samples of a batch (paper, "Training Hyper-Parameters"). PC3 has a batch size of its own.
 pub const BATCH: usize = 128;
 
 /// A loss's terms, averaged over a batch, and the gradient of all parameters in the order of the model's arena.
@@ -19,8 +23,8 @@ pub struct TermsAndGradient<'a, Terms, T> {
     pub gradient: &'a [T],
 }
 
-/// Computes training steps of an LCE model for batches of up to [`BATCH`] samples. The trainer draws noise and steps
-/// Adam.
+/// Computes training steps of an LCE model for batches of up to [`BATCH`] samples, where nothing else is said. The trainer
+/// draws noise and steps Adam.
 ///
 /// The same batch must always give the same bits, for any number of threads.
 pub trait TrainingBackend<T>: std::fmt::Debug + Send {
@@ -45,15 +49,45 @@ pub trait TrainingBackend<T>: std::fmt::Debug + Send {
         settings: &WarmUp,
         batch: &WarmUpBatch<'_, T>,
     ) -> TermsAndGradient<'_, WarmUpTerms, T>;
+
+    /// Terms and gradient of PC3's loss, for a batch of any size.
+    fn pc3(
+        &mut self,
+        threads: usize,
+        model: &LceModel<T>,
+        loss: &Pc3Loss,
+        batch: &TransitionBatch<'_, T>,
+    ) -> TermsAndGradient<'_, Pc3Terms, T>;
+
+    /// Terms and gradient of E2C's loss, of a model with a locally linear F.
+    fn e2c(
+        &mut self,
+        threads: usize,
+        model: &LceModel<T>,
+        loss: &E2cLoss,
+        batch: &TransitionBatch<'_, T>,
+    ) -> TermsAndGradient<'_, E2cTerms, T>;
+
+    /// Terms and gradient of RCE's loss, of a model with a locally linear F.
+    fn rce(
+        &mut self,
+        threads: usize,
+        model: &LceModel<T>,
+        loss: &RceLoss,
+        batch: &TransitionBatch<'_, T>,
+    ) -> TermsAndGradient<'_, RceTerms, T>;
 }
 
 /// The back end that runs on this machine's cores.
 ///
-/// It keeps the buffers of the loss it was last asked for. Both losses' buffers together would take much memory.
+/// It keeps the buffers of the loss it was last asked for. The buffers of all losses together would take much memory.
 #[derive(Debug, Clone)]
 pub struct Cpu<T> {
     loss: Option<Workspace<T>>,
     warm_up: Option<WarmUpWorkspace<T>>,
+    pc3: Option<Pc3Workspace<T>>,
+    e2c: Option<E2cWorkspace<T>>,
+    rce: Option<RceWorkspace<T>>,
 }
 
 impl Cpu<f32> {
@@ -63,7 +97,7 @@ impl Cpu<f32> {
 
 impl<T> Default for Cpu<T> {
     fn default() -> Self {
-        Self { loss: None, warm_up: None }
+        Self { loss: None, warm_up: None, pc3: None, e2c: None, rce: None }
     }
 }
 
@@ -79,8 +113,9 @@ impl<T: Real> TrainingBackend<T> for Cpu<T> {
         weights: &Weights,
         batch: &Batch<'_, T>,
     ) -> TermsAndGradient<'_, Terms, T> {
-        self.warm_up = None;
-        let workspace = self.loss.get_or_insert_with(|| Workspace::new(model, BATCH));
+        let kept = self.loss.take();
+        *self = Self::default();
+        let workspace = self.loss.insert(kept.unwrap_or_else(|| Workspace::new(model, BATCH)));
         let terms = workspace.step(threads, model, weights, batch);
         TermsAndGradient { terms, gradient: workspace.gradient() }
     }
@@ -92,9 +127,53 @@ impl<T: Real> TrainingBackend<T> for Cpu<T> {
         settings: &WarmUp,
         batch: &WarmUpBatch<'_, T>,
     ) -> TermsAndGradient<'_, WarmUpTerms, T> {
-        self.loss = None;
-        let workspace = self.warm_up.get_or_insert_with(|| WarmUpWorkspace::new(model, BATCH));
+        let kept = self.warm_up.take();
+        *self = Self::default();
+        let workspace = self.warm_up.insert(kept.unwrap_or_else(|| WarmUpWorkspace::new(model, BATCH)));
         let terms = workspace.step(threads, model, settings, batch);
+        TermsAndGradient { terms, gradient: workspace.gradient() }
+    }
+
+    fn pc3(
+        &mut self,
+        threads: usize,
+        model: &LceModel<T>,
+        loss: &Pc3Loss,
+        batch: &TransitionBatch<'_, T>,
+    ) -> TermsAndGradient<'_, Pc3Terms, T> {
+        let samples = batch.pairs.len() / 2;
+        let kept = self.pc3.take().filter(|kept| kept.capacity() >= samples);
+        *self = Self::default();
+        let workspace = self.pc3.insert(kept.unwrap_or_else(|| Pc3Workspace::new(model, samples)));
+        let terms = workspace.step(threads, model, loss, batch);
+        TermsAndGradient { terms, gradient: workspace.gradient() }
+    }
+
+    fn e2c(
+        &mut self,
+        threads: usize,
+        model: &LceModel<T>,
+        loss: &E2cLoss,
+        batch: &TransitionBatch<'_, T>,
+    ) -> TermsAndGradient<'_, E2cTerms, T> {
+        let kept = self.e2c.take();
+        *self = Self::default();
+        let workspace = self.e2c.insert(kept.unwrap_or_else(|| E2cWorkspace::new(model, BATCH)));
+        let terms = workspace.step(threads, model, loss, batch);
+        TermsAndGradient { terms, gradient: workspace.gradient() }
+    }
+
+    fn rce(
+        &mut self,
+        threads: usize,
+        model: &LceModel<T>,
+        loss: &RceLoss,
+        batch: &TransitionBatch<'_, T>,
+    ) -> TermsAndGradient<'_, RceTerms, T> {
+        let kept = self.rce.take();
+        *self = Self::default();
+        let workspace = self.rce.insert(kept.unwrap_or_else(|| RceWorkspace::new(model, BATCH)));
+        let terms = workspace.step(threads, model, loss, batch);
         TermsAndGradient { terms, gradient: workspace.gradient() }
     }
 }

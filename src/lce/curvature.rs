@@ -45,8 +45,9 @@ cut_together! {
 impl<T: Real> Curvature<T> {
     /// Buffers for `samples` samples.
     pub(super) fn new(nets: &Nets, samples: usize) -> Self {
-        let width = nets.dynamics.layers[0].n_in;
-        let [at, near, tangent] = [(); 3].map(|()| Pass::new(&nets.dynamics, samples, 1));
+        let f = nets.dynamics.network();
+        let width = f.layers[0].n_in;
+        let [at, near, tangent] = [(); 3].map(|()| Pass::new(f, samples, 1));
         let [at_input, near_input, direction] = [(); 3].map(|()| Block::new(width, samples));
         let [jacobians, d_jacobians] =
             [(); 2].map(|()| Block::new(nets.jacobian_head.map_or(0, |head| head.n_out), samples));
@@ -87,7 +88,7 @@ impl<T: Real> CurvatureColumns<'_, T> {
 
     /// Passes L_cur of every sample to `value`. Deltas become `weight` times its gradient.
     pub(super) fn run(&mut self, nets: &Nets, arena: &[T], weight: T, value: impl FnMut(usize, T)) {
-        let f = &nets.dynamics;
+        let f = nets.dynamics.network();
         f.forward(arena, self.at_input.data, &mut self.at);
         f.forward(arena, self.near_input.data, &mut self.near);
         match &nets.jacobian_head {
@@ -170,7 +171,7 @@ impl<T: Real> CurvatureColumns<'_, T> {
 
     /// Adds F's gradients over all samples, and sets the head's.
     pub(super) fn add_gradient(&self, nets: &Nets, gradient: &mut [T]) {
-        let f = &nets.dynamics;
+        let f = nets.dynamics.network();
         f.gradient(1, gradient, Accumulate::Add, self.at_input.data, &self.at);
         f.gradient(1, gradient, Accumulate::Add, self.near_input.data, &self.near);
         match &nets.jacobian_head {

@@ -1,10 +1,7 @@
 //! Checks of a latent map that need no true state.
 
-use super::model::LceModel;
-use crate::{
-    nn::{binary_images::BinaryImages, mlp::Pass},
-    num::Real as _,
-};
+use super::{dynamics::DynamicsPass, model::LceModel};
+use crate::{nn::binary_images::BinaryImages, num::Real as _};
 
 /// Above this share of images that D reconstructs better, a goal is suspect. Goals that control reached in the end had
 /// ranks up to .991 in earlier rounds; one that control never reached had rank 1 in every round (planar, biased, seeds
@@ -57,7 +54,7 @@ fn alignment(model: &LceModel, codes: &[&[f32]]) -> f64 {
     let count = codes.len() as f64;
     let mut mean = vec![0.0; n * a];
     let mut norm = 0.0;
-    let mut pass = Pass::new(&model.nets.dynamics, 2 * a, 1);
+    let mut pass = DynamicsPass::new(&model.nets.dynamics, 2 * a, 1);
     let mut inputs = vec![0.0; 2 * a * (n + a)];
     let mut out = vec![0.0; 2 * a * 2 * n];
     for code in codes {

@@ -1,8 +1,10 @@
 //! An LCE model: networks, their parameters, and what can be computed with them.
 
-use super::{decoder::DecoderPass, nets::Nets, passive_dynamics::PassiveDynamics, sizes::Sizes};
+use super::{
+    decoder::DecoderPass, dynamics::DynamicsPass, nets::Nets, passive_dynamics::PassiveDynamics, sizes::Sizes,
+};
 use crate::{
-    nn::{binary_images::BinaryImages, heads, mlp::Pass},
+    nn::{binary_images::BinaryImages, heads},
     num::{Real, rng::Rng},
 };
 
@@ -39,6 +41,14 @@ impl<T: Real> LceModel<T> {
         self.arena.resize(self.nets.layout.len, T::ZERO);
     }
 
+    /// Gives all codes the standard deviation `sigma`: that of a loss whose encoder learns none.
+    pub fn set_code_sigma(&mut self, sigma: T) {
+        let (layer, outputs) = self.nets.encoder.log_sigma_outputs();
+        let (weights, biases) = layer.w_b_mut(&mut self.arena);
+        weights.chunks_exact_mut(layer.n_out).for_each(|column| column[outputs.clone()].fill(T::ZERO));
+        biases[outputs].fill(sigma.log());
+    }
+
     /// Observations in the form that this model reads. `frames` holds them one after the other; a non-zero byte is a
     /// lit pixel.
     pub fn pictures(&self, frames: &[u8]) -> BinaryImages {
@@ -51,12 +61,12 @@ impl<T: Real> LceModel<T> {
         images
     }
 
-    /// Writes F(·|z, u) for columns \[z; u\]. F's network predicts means relative to z; the written means are absolute.
-    pub fn predict(&self, z_u: &[T], pass: &mut Pass<T, 3>, gaussians: &mut [T]) {
+    /// Writes F(·|z, u) for columns \[z; u\]. F's own means are relative to z; the written means are absolute.
+    pub fn predict(&self, z_u: &[T], pass: &mut DynamicsPass<T>, gaussians: &mut [T]) {
         let (n, width) = (self.sizes.latent, self.sizes.latent + self.sizes.action);
         let mut pass = pass.view(z_u.len() / width);
         self.nets.dynamics.forward(&self.arena, z_u, &mut pass);
-        gaussians.copy_from_slice(pass.output());
+        gaussians.copy_from_slice(pass.output_and_delta().0);
         for (gaussian, z_u) in gaussians.chunks_exact_mut(2 * n).zip(z_u.chunks_exact(width)) {
             for i in 0..n {
                 gaussian[i] += z_u[i];
@@ -70,7 +80,7 @@ impl<T: Real> LceModel<T> {
         let columns = z.len() / n;
         let z_u: Vec<T> =
             z.chunks_exact(n).zip(u.chunks_exact(a)).flat_map(|(z, u)| z.iter().chain(u)).copied().collect();
-        let mut pass = Pass::new(&self.nets.dynamics, columns, 1);
+        let mut pass = DynamicsPass::new(&self.nets.dynamics, columns, 1);
         let mut gaussians = vec![T::ZERO; 2 * n * columns];
         self.predict(&z_u, &mut pass, &mut gaussians);
         gaussians.chunks_exact(2 * n).flat_map(|gaussian| &gaussian[..n]).copied().collect()
@@ -120,4 +130,37 @@ pub fn background(frames: &[u8], pixels: usize) -> Vec<u8> {
         }
     }
     lit.into_iter().map(|lit| u8::from(2 * lit * pixels > frames.len())).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+
+    use super::*;
+    use crate::{
+        lce::{Differences, ImageNetworks, SharedFrames},
+        nn::binary_images::PooledPatches,
+        num::sampling,
+    };
+
+    #[test]
+    fn a_set_deviation_is_that_of_every_code_and_leaves_the_means() {
+        let patches = PooledPatches { columns: 8, side: 2 };
+        let differences = Differences::Scaled { scale: 2.0 };
+        let frames = SharedFrames { read: patches, predicted: patches, coordinates: 1, differences };
+        let convolutional = ImageNetworks::Convolutional { frames: 2, rows: 8, columns: 8 };
+        for images in [ImageNetworks::Dense, convolutional, ImageNetworks::SharedFrames(frames)] {
+            let sizes = Sizes { pixels: 2 * 8 * 8, images, encoder: [8, 8], decoder: [8, 8], ..Sizes::planar() };
+            let mut rng = Rng::seed_from_u64(3);
+            let frames: Vec<u8> = (0..6 * 128).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
+            let mut model = LceModel::<f64>::new(sizes, vec![0; 128], &mut rng);
+            let pictures = model.pictures(&frames);
+            let before = model.encode(&pictures);
+            model.set_code_sigma(0.25);
+            for (code, before) in model.encode(&pictures).chunks_exact(4).zip(before.chunks_exact(4)) {
+                assert_eq!((&code[..2], &code[2..]), (&before[..2], &[0.25_f64.ln(); 2][..]));
+                assert_ne!(code, before);
+            }
+        }
+    }
 }

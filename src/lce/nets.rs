@@ -3,11 +3,12 @@
 use super::{
     backward::Backward,
     decoder::Decoder,
+    dynamics::Dynamics,
     encoder::Encoder,
     passive_dynamics::{PassiveDynamics, Quadratic},
     sizes::Sizes,
 };
-use crate::nn::mlp::{Layout, Linear, Mlp};
+use crate::nn::mlp::{Layout, Linear};
 
 /// The networks of an LCE model: where each layer is in the arena.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,7 +20,7 @@ pub struct Nets {
     /// D: z -> Bernoulli logits of an observation.
     pub decoder: Decoder,
     /// F: (z, u) -> Gaussian over z' - z.
-    pub dynamics: Mlp<3>,
+    pub dynamics: Dynamics,
     /// B: (z', u, x) -> Gaussian over z.
     pub(super) backward: Backward,
     /// A head on F's last hidden layer for F's Jacobians at (z, u): A by rows, then B by rows (PCC, "amortized").
@@ -33,12 +34,12 @@ impl Nets {
     pub fn new(sizes: &Sizes) -> Self {
         let mut layout = Layout::default();
         let (n, a) = (sizes.latent, sizes.action);
-        let [first, second] = sizes.dynamics;
         let encoder = Encoder::new(&mut layout, sizes);
         let decoder = Decoder::new(&mut layout, sizes);
-        let dynamics = layout.mlp("dynamics", n + a, [first, second, 2 * n]);
+        let dynamics = Dynamics::new(&mut layout, sizes);
         let backward = Backward::new(&mut layout, sizes);
-        let jacobian_head = sizes.jacobian_heads.then(|| layout.linear("dynamics.slopes", second, n * (n + a)));
+        let jacobian_head =
+            sizes.jacobian_heads.then(|| layout.linear("dynamics.slopes", sizes.dynamics[1], n * (n + a)));
         let passive_dynamics = match sizes.passive_dynamics {
             PassiveDynamics::None => None,
             PassiveDynamics::Quadratic => Some(Quadratic::new(&mut layout, n)),

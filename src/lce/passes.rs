@@ -1,10 +1,14 @@
 //! Buffers and steps that the loss and the warm-up share: E on x and x', F, D, and the passive dynamics.
 
 use super::{
+    anchor::{Anchor, Push},
     decoder::{DecoderColumns, DecoderPass},
+    dynamics::{DynamicsColumns, DynamicsPass},
     encoder::{EncoderColumns, EncoderPass},
+    gaussian_pair::GaussianPair,
     model::LceModel,
     passive_dynamics::{PassiveColumns, PassivePass},
+    sizes::Sizes,
 };
 use crate::{
     nn::{
@@ -12,7 +16,6 @@ use crate::{
         columns::{Block, BlockMut, cut_together},
         heads,
         mat::Accumulate,
-        mlp::{Pass, PassMut},
     },
     num::Real,
 };
@@ -26,7 +29,7 @@ pub(super) struct Passes<T> {
     decoder: DecoderPass<T>,
     dynamics_input: Block<T>,
     d_dynamics_input: Block<T>,
-    dynamics: Pass<T, 3>,
+    dynamics: DynamicsPass<T>,
     passive: PassivePass<T>,
     /// The gradient of all parameters.
     pub(super) gradient: Vec<T>,
@@ -41,7 +44,7 @@ cut_together! {
         pub(super) decoder: DecoderColumns<'a, T>,
         pub(super) dynamics_input: BlockMut<'a, T>,
         pub(super) d_dynamics_input: BlockMut<'a, T>,
-        pub(super) dynamics: PassMut<'a, T, 3>,
+        pub(super) dynamics: DynamicsColumns<'a, T>,
         pub(super) passive: PassiveColumns<'a, T>,
     }
 }
@@ -67,7 +70,7 @@ impl<T: Real> Passes<T> {
             decoder: DecoderPass::new(&nets.decoder, samples, decoded),
             dynamics_input: Block::new(predicted * (n + a), samples),
             d_dynamics_input: Block::new(predicted * (n + a), samples),
-            dynamics: Pass::new(&nets.dynamics, samples, predicted),
+            dynamics: DynamicsPass::new(&nets.dynamics, samples, predicted),
             passive: PassivePass::new(nets.passive_dynamics.as_ref(), samples),
             gradient: vec![T::ZERO; nets.layout.len],
         }
@@ -112,7 +115,7 @@ impl<T: Real> Passes<T> {
             gradient[nets.decoder.parameters()].fill(T::ZERO);
         }
         let z_u = self.dynamics_input.view(samples).data;
-        nets.dynamics.gradient(1, gradient, Accumulate::Replace, z_u, &self.dynamics.view(samples));
+        nets.dynamics.gradient(gradient, Accumulate::Replace, z_u, &self.dynamics.view(samples));
         if let Some(passive) = &nets.passive_dynamics {
             passive.gradient(gradient, &self.passive.view(samples));
         }
@@ -133,5 +136,31 @@ impl<T: Real> PassColumns<'_, T> {
         let range = column * entries..(column + 1) * entries;
         let (logits, deltas) = self.decoder.logits();
         heads::bernoulli(&logits[range.clone()], images, image, weight, &mut deltas[range])
+    }
+
+    /// Applies the passive dynamics to the codes of x.
+    #[inline(always)]
+    pub(super) fn passive_forward(&mut self, model: &LceModel<T>) {
+        if let Some(passive) = &model.nets.passive_dynamics {
+            let (codes, _) = self.encoder.codes();
+            passive.forward(&model.arena, codes, &mut self.passive);
+        }
+    }
+
+    /// Adds the gradient that reaches the codes of x through the passive dynamics.
+    #[inline(always)]
+    pub(super) fn passive_backward(&mut self, model: &LceModel<T>) {
+        if let Some(passive) = &model.nets.passive_dynamics {
+            let (codes, d_codes) = self.encoder.codes();
+            passive.backward(&model.arena, codes, &mut self.passive, d_codes);
+        }
+    }
+
+    /// The anchor of sample `i`. `scale` says how far one unit of action moves the code.
+    #[inline(always)]
+    pub(super) fn anchor<'s>(&'s mut self, i: usize, sizes: &Sizes, action: &'s [T], scale: T) -> Anchor<'s, T> {
+        let codes = GaussianPair::of(self.encoder.codes(), sizes.latent, i);
+        let (h, d_h) = self.passive.sample(i);
+        Anchor { codes, h, d_h, action, scale, push: Push::of(sizes) }
     }
 }

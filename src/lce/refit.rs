@@ -3,13 +3,16 @@
 //! While all networks train together, codes move and other terms pull on F, so F lags behind. Control uses the model
 //! through F only, so it pays to fit F to the final codes.
 
-use super::{model::LceModel, trainer::BATCH};
+use super::{
+    dynamics::{Dynamics, DynamicsColumns, DynamicsPass},
+    model::LceModel,
+    trainer::BATCH,
+};
 use crate::{
     nn::{
         adam::{Adam, AdamSettings},
         heads,
         mat::Accumulate,
-        mlp::{Mlp, Pass, PassMut},
     },
     num::{rng::Rng, sampling, simd::vectorize},
 };
@@ -31,10 +34,10 @@ pub fn refit(
 ) -> Result<(), u64> {
     let (n, a) = (model.sizes.latent, model.sizes.action);
     let net = model.nets.dynamics;
-    let parameters = net.layers[0].at..net.layers[2].at + net.layers[2].len();
+    let parameters = net.parameters();
     let mut adam = Adam::new(parameters.len());
     let mut gradient = vec![0.0; model.nets.layout.len];
-    let mut pass = Pass::new(&net, BATCH, 1);
+    let mut pass = DynamicsPass::new(&net, BATCH, 1);
     let (mut z_u, mut moves) = (vec![0.0; BATCH * (n + a)], vec![0.0; BATCH * n]);
     let mut d_moves = vec![0.0; n];
     for step in 0..steps {
@@ -49,7 +52,7 @@ pub fn refit(
         }
         let mut pass = pass.view(BATCH);
         density_gradient(&net, &model.arena, (&z_u, &moves), &mut d_moves, &mut pass);
-        net.gradient(1, &mut gradient, Accumulate::Replace, &z_u, &pass);
+        net.gradient(&mut gradient, Accumulate::Replace, &z_u, &pass);
         let learning_rate_scale = 1.0 - step as f64 / steps as f64;
         let settings = AdamSettings { learning_rate: learning_rate * learning_rate_scale, weight_decay: 0.0 };
         if !adam.step(1, settings, &mut model.arena[parameters.clone()], &gradient[parameters.clone()]) {
@@ -61,11 +64,11 @@ pub fn refit(
 
 /// The deltas of F for the mean of -ln F(z'|z, u), where `moves` are z' - z. `d_moves` is a buffer of one code.
 fn density_gradient(
-    net: &Mlp<3>,
+    net: &Dynamics,
     arena: &[f32],
     (z_u, moves): (&[f32], &[f32]),
     d_moves: &mut [f32],
-    pass: &mut PassMut<'_, f32, 3>,
+    pass: &mut DynamicsColumns<'_, f32>,
 ) {
     let n = d_moves.len();
     vectorize(
@@ -78,7 +81,7 @@ fn density_gradient(
             for ((gaussian, delta), moves) in columns.zip(moves.chunks_exact(n)) {
                 heads::log_density(moves, gaussian, -1.0 / BATCH as f32, d_moves, delta);
             }
-            net.backward(arena, pass, None);
+            net.backward(arena, z_u, pass, None);
         },
     );
 }
@@ -113,7 +116,7 @@ mod tests {
         let rms = (errors.map(|e| e * e).sum::<f32>() / (2 * count) as f32).sqrt();
         assert!(rms < 0.05, "{rms}");
         let changed = (0..model.arena.len()).filter(|&i| model.arena[i] != before.arena[i]);
-        let net = model.nets.dynamics;
-        assert!(changed.into_iter().all(|i| i >= net.layers[0].at && i < net.layers[2].at + net.layers[2].len()));
+        let parameters = model.nets.dynamics.parameters();
+        assert!(changed.into_iter().all(|i| parameters.contains(&i)));
     }
 }

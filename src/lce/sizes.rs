@@ -63,6 +63,8 @@ pub struct Sizes {
     pub backward: BackwardSizes,
     /// Whether F has heads for its own Jacobians (PCC, "amortized").
     pub jacobian_heads: bool,
+    /// Whether F is a locally linear transition (E2C). Then it has no other heads.
+    pub locally_linear: bool,
     /// How the anchor's codes move without an action.
     pub passive_dynamics: PassiveDynamics,
 }
@@ -82,6 +84,7 @@ impl Sizes {
             dynamics: [20, 20],
             backward: BackwardSizes { z: 5, u: 5, x: 100, joint: 100 },
             jacobian_heads: false,
+            locally_linear: false,
             passive_dynamics: PassiveDynamics::None,
         }
     }
@@ -98,6 +101,7 @@ impl Sizes {
             dynamics: [30, 30],
             backward: BackwardSizes { z: 10, u: 10, x: 200, joint: 200 },
             jacobian_heads: false,
+            locally_linear: false,
             passive_dynamics: PassiveDynamics::None,
         }
     }
@@ -114,6 +118,7 @@ impl Sizes {
             dynamics: [40, 40],
             backward: BackwardSizes { z: 10, u: 10, x: 300, joint: 300 },
             jacobian_heads: false,
+            locally_linear: false,
             passive_dynamics: PassiveDynamics::None,
         }
     }

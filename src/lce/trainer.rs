@@ -2,8 +2,12 @@
 
 use super::{
     backend::{Cpu, TrainingBackend},
+    e2c::{E2cLoss, E2cTerms, E2cWorkspace},
     model::LceModel,
     objective::{Batch, Noise, Regularizer, Terms, Weights},
+    pc3::{Pc3Loss, Pc3Terms, Pc3Workspace},
+    rce::{RceLoss, RceTerms, RceWorkspace},
+    transition_batch::TransitionBatch,
     warm_up::{WarmUp, WarmUpBatch, WarmUpTerms},
 };
 use crate::{
@@ -115,6 +119,12 @@ impl<T: Real> Gathered<T> {
             self.x.iter_mut().zip(0..).for_each(|(image, i)| *image = 2 * i);
         }
     }
+
+    /// What was gathered, for a loss that needs nothing else.
+    fn transitions<'a>(&'a self, data: &'a Data<T>) -> TransitionBatch<'a, T> {
+        let Self { with_dropout, pairs, x, actions, noise, .. } = self;
+        TransitionBatch { images: with_dropout.as_ref().unwrap_or(&data.images), pairs, x, actions, noise }
+    }
 }
 
 impl<T: Real> Trainer<T> {
@@ -199,6 +209,51 @@ impl<T: Real> Trainer<T> {
             regularizer: objective.regularizer.map(|_| &by_sample as Regularizer<'_, T>),
         };
         let step = self.backend.loss(threads, &self.model, &objective.weights, &batch);
+        self.is_finite = self.adam.step(threads, self.settings, &mut self.model.arena, step.gradient);
+        step.terms
+    }
+
+    /// One step of PC3's loss on the transitions `which`.
+    pub fn pc3_step(
+        &mut self,
+        threads: usize,
+        data: &Data<T>,
+        which: &[u32],
+        loss: &Pc3Loss,
+        rng: &mut Rng,
+    ) -> Pc3Terms {
+        self.batch.gather(data, which, Pc3Workspace::noise_width(&self.model), self.dropout, rng);
+        let step = self.backend.pc3(threads, &self.model, loss, &self.batch.transitions(data));
+        self.is_finite = self.adam.step(threads, self.settings, &mut self.model.arena, step.gradient);
+        step.terms
+    }
+
+    /// One step of E2C's loss on the transitions `which`.
+    pub fn e2c_step(
+        &mut self,
+        threads: usize,
+        data: &Data<T>,
+        which: &[u32],
+        loss: &E2cLoss,
+        rng: &mut Rng,
+    ) -> E2cTerms {
+        self.batch.gather(data, which, E2cWorkspace::noise_width(&self.model), self.dropout, rng);
+        let step = self.backend.e2c(threads, &self.model, loss, &self.batch.transitions(data));
+        self.is_finite = self.adam.step(threads, self.settings, &mut self.model.arena, step.gradient);
+        step.terms
+    }
+
+    /// One step of RCE's loss on the transitions `which`.
+    pub fn rce_step(
+        &mut self,
+        threads: usize,
+        data: &Data<T>,
+        which: &[u32],
+        loss: &RceLoss,
+        rng: &mut Rng,
+    ) -> RceTerms {
+        self.batch.gather(data, which, RceWorkspace::noise_width(&self.model), self.dropout, rng);
+        let step = self.backend.rce(threads, &self.model, loss, &self.batch.transitions(data));
         self.is_finite = self.adam.step(threads, self.settings, &mut self.model.arena, step.gradient);
         step.terms
     }

@@ -7,7 +7,7 @@ use super::binary_images::BinaryImages;
 use crate::num::{Real, simd::vectorize};
 
 /// ln(2 pi) / 2.
-const HALF_LN_TAU: f64 = 0.918_938_533_204_672_8;
+pub(crate) const HALF_LN_TAU: f64 = 0.918_938_533_204_672_8;
 
 /// The means and the log standard deviations of a Gaussian.
 pub fn halves<T>(column: &[T]) -> (&[T], &[T]) {

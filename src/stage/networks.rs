@@ -35,6 +35,7 @@ pub fn network_sizes(task: &Task) -> Sizes {
             joint: backward.joint,
         },
         jacobian_heads: false,
+        locally_linear: false,
         passive_dynamics: PassiveDynamics::None,
     }
 }

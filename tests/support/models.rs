@@ -5,8 +5,8 @@ use carl_pipe::{
     control::sac::{CriticActions, Reward, Sac, Temperature, Tuning},
     env::{Planar, System as _},
     lce::{
-        BackwardSizes, Differences, ImageNetworks, LceModel, PassiveDynamics, SharedFrames, Sizes, model::background,
-        objective::Weights, trainer::Data,
+        BackwardSizes, Differences, ImageNetworks, LceModel, PassiveDynamics, SharedFrames, Sizes, e2c::E2cLoss,
+        model::background, objective::Weights, pc3::Pc3Loss, rce::RceLoss, trainer::Data,
     },
     nn::binary_images::PooledPatches,
     num::{rng::Rng, sampling},
@@ -67,6 +67,7 @@ fn two_frames() -> Sizes {
         action: 2,
         images: ImageNetworks::Dense,
         jacobian_heads: false,
+        locally_linear: false,
         passive_dynamics: PassiveDynamics::None,
         encoder: [60, 20],
         decoder: [20, 60],
@@ -98,6 +99,36 @@ pub fn every_term() -> Weights {
         regularizer: 0.1,
         anchor: 3.0,
     }
+}
+
+/// PC3's loss with every term.
+pub fn every_term_of_pc3() -> Pc3Loss {
+    Pc3Loss {
+        nce: 1.0,
+        consistency: 1.0,
+        curvature: 7.0,
+        center: 0.1,
+        anchor: 3.0,
+        sigma: 0.1,
+        curvature_sigma: 0.1,
+        anchor_scale: 1.0,
+    }
+}
+
+/// E2C's loss with every term.
+pub fn every_term_of_e2c() -> E2cLoss {
+    E2cLoss { encode_decode: 1.0, prediction: 1.0, prior: 1.0, transition_kl: 0.25, anchor: 3.0, anchor_scale: 1.0 }
+}
+
+/// RCE's loss with every term.
+pub fn every_term_of_rce() -> RceLoss {
+    RceLoss { reconstruction: 1.0, consistency: 1.0, anchor: 3.0, anchor_scale: 1.0 }
+}
+
+/// A model like this one with random weights and a locally linear F.
+pub fn locally_linear(model: &LceModel) -> LceModel {
+    let sizes = Sizes { locally_linear: true, ..model.sizes.clone() };
+    LceModel::new(sizes, model.background.clone(), &mut Rng::seed_from_u64(2))
 }
 
 /// SAC with bootstrapped targets and a latent buffer of this many tuples.

@@ -1,8 +1,11 @@
 //! The dynamics that iLQR plans with: the next code, and its Jacobians.
 
 use crate::{
-    lce::LceModel,
-    nn::mlp::{Linear, Mlp, Pass},
+    lce::{
+        LceModel,
+        dynamics::{self, DynamicsPass, Transition},
+    },
+    nn::mlp::Linear,
     num::linalg::Matrix,
 };
 
@@ -27,33 +30,31 @@ pub trait Dynamics {
     fn jacobians(&mut self, z: &[f64], u: &[f64]) -> Jacobians;
 }
 
-/// The mean of a model's F in double precision. The Jacobians are F's own, or, in an amortized model, those of its heads.
+/// The mean of a model's F in double precision. The Jacobians are those of F, or, in an amortized model, those of its
+/// heads, or, in a locally linear F, A and B of its transition, as E2C plans.
 #[derive(Debug)]
 pub struct LatentDynamics {
-    net: Mlp<3>,
+    net: dynamics::Dynamics,
     arena: Vec<f64>,
     jacobian_head: Option<Linear>,
     latent: usize,
     z_u: Vec<f64>,
-    pass: Pass<f64, 3>,
+    pass: DynamicsPass<f64>,
 }
 
 impl LatentDynamics {
     /// The mean of a model's F.
     pub fn of(model: &LceModel) -> Self {
-        let layers = model.nets.dynamics.layers;
-        let first = layers[0].at;
-        let end = layers[2].at + layers[2].len();
         let double = |weights: &[f32]| weights.iter().map(|&weight| f64::from(weight)).collect::<Vec<_>>();
-        let mut arena = double(&model.arena[first..end]);
+        let mut arena = double(&model.arena[model.nets.dynamics.parameters()]);
         let jacobian_head = model.nets.jacobian_head.map(|head| {
             let at = arena.len();
             arena.extend(double(&model.arena[head.at..head.at + head.len()]));
             Linear { at, ..head }
         });
-        let net = Mlp { layers: layers.map(|layer| Linear { at: layer.at - first, ..layer }) };
-        let z_u = vec![0.0; layers[0].n_in];
-        Self { pass: Pass::new(&net, 1, 1), net, arena, jacobian_head, latent: model.sizes.latent, z_u }
+        let (net, latent) = (model.nets.dynamics.alone(), model.sizes.latent);
+        let z_u = vec![0.0; latent + model.sizes.action];
+        Self { pass: DynamicsPass::new(&net, 1, 1), net, arena, jacobian_head, latent, z_u }
     }
 
     fn forward(&mut self, z: &[f64], u: &[f64]) {
@@ -90,12 +91,17 @@ impl Dynamics for LatentDynamics {
             let b = a.split_off(n * n);
             return Jacobians { a: Matrix::new(n, a), b: Matrix::new(u.len(), b) };
         }
+        if let Some(Transition { v, r, b, .. }) = self.net.transition(&pass) {
+            let a = (0..n * n).map(|at| v[at / n] * r[at % n] + if at / n == at % n { 1.0 } else { 0.0 }).collect();
+            return Jacobians { a: Matrix::new(n, a), b: Matrix::new(u.len(), b.to_vec()) };
+        }
         let (mut a, mut b) = (Vec::with_capacity(n * n), Vec::with_capacity(n * u.len()));
         let mut row = vec![0.0; self.z_u.len()];
         for i in 0..n {
-            pass.output_delta().fill(0.0);
-            pass.output_delta()[i] = 1.0;
-            self.net.backward(&self.arena, &mut pass, Some(&mut row));
+            let (_, delta) = pass.output_and_delta();
+            delta.fill(0.0);
+            delta[i] = 1.0;
+            self.net.backward(&self.arena, &self.z_u, &mut pass, Some(&mut row));
             row[i] += 1.0;
             a.extend_from_slice(&row[..n]);
             b.extend_from_slice(&row[n..]);
@@ -159,6 +165,26 @@ mod tests {
         let Jacobians { a, b } = LatentDynamics::of(&model).jacobians(&[0.1, 0.2, 0.3], &[0.4]);
         let is = |i: usize, j: usize| a.of(i, j) == (3 * i + j) as f64;
         assert!((0..3).all(|i| (0..3).all(|j| is(i, j)) && b.of(i, 0) == (9 + i) as f64));
+    }
+
+    #[test]
+    fn a_locally_linear_model_plans_with_its_own_a_and_b() {
+        let mut dynamics = LatentDynamics::of(&model(Sizes { locally_linear: true, ..Sizes::planar() }));
+        let (z, u) = ([0.5, -1.25], [0.75, -0.5]);
+        let Jacobians { a, b } = dynamics.jacobians(&z, &u);
+        let mut at = |z: [f64; 2], u: [f64; 2]| {
+            let mut next = [0.0; 2];
+            dynamics.next(&z, &u, &mut next);
+            next
+        };
+        let (rests, moves) = (at(z, [0.0; 2]), at(z, u));
+        // A moves the code by rank one, and o is what is left at z.
+        let rank = (a.of(0, 0) - 1.0) * (a.of(1, 1) - 1.0) - a.of(0, 1) * a.of(1, 0);
+        assert!(rank.abs() < 1e-12 && a.of(0, 1) != 0.0, "A - I has rank one");
+        for i in 0..2 {
+            let pushed = b.of(i, 0) * u[0] + b.of(i, 1) * u[1];
+            assert!((moves[i] - rests[i] - pushed).abs() < 1e-12, "F is linear in u");
+        }
     }
 
     #[test]

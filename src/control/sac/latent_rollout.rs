@@ -11,7 +11,10 @@ use super::{
 };
 use crate::{
     control::agent::{Agent, clamp_log_sigma, squash},
-    lce::model::LceModel,
+    lce::{
+        dynamics::{DynamicsColumns, DynamicsPass},
+        model::LceModel,
+    },
     nn::{
         columns::{Block, BlockMut, cut_together, over_samples},
         mlp::{Pass, PassMut},
@@ -26,7 +29,7 @@ pub(super) struct RolloutBuffers {
     inputs: Block<f32>,
     actor: Pass<f32, 3>,
     z_u: Block<f32>,
-    dynamics: Pass<f32, 3>,
+    dynamics: DynamicsPass<f32>,
     critic_inputs: Block<f32>,
     critic: Pass<f32, 3>,
     /// The critics' target of every sample.
@@ -39,7 +42,7 @@ cut_together! {
         inputs: BlockMut<'a, T>,
         actor: PassMut<'a, T, 3>,
         z_u: BlockMut<'a, T>,
-        dynamics: PassMut<'a, T, 3>,
+        dynamics: DynamicsColumns<'a, T>,
         critic_inputs: BlockMut<'a, T>,
         critic: PassMut<'a, T, 3>,
         target: BlockMut<'a, T>,
@@ -54,7 +57,7 @@ impl RolloutBuffers {
             inputs: Block::new(2 * n, b),
             actor: Pass::new(&agent.nets.actor.mlp, b, 1),
             z_u: Block::new(n + a, b),
-            dynamics: Pass::new(&model.nets.dynamics, b, 1),
+            dynamics: DynamicsPass::new(&model.nets.dynamics, b, 1),
             critic_inputs: Block::new(2 * n + a, b),
             critic: Pass::new(&agent.nets.critic.mlp, b, 1),
             target: Block::new(1, b),

@@ -32,6 +32,7 @@ fn model_with_speeds() -> LceModel {
 fn known_model_of(images: ImageNetworks) -> LceModel {
     let sizes = Sizes {
         jacobian_heads: false,
+        locally_linear: false,
         passive_dynamics: PassiveDynamics::None,
         images,
         pixels: 2,
@@ -44,7 +45,7 @@ fn known_model_of(images: ImageNetworks) -> LceModel {
     };
     let nets = Nets::new(&sizes);
     let mut arena = vec![0.0; nets.layout.len];
-    let [first, second, last] = nets.dynamics.layers;
+    let [first, second, last] = nets.dynamics.net().layers;
     let mut set = |layer: crate::nn::mlp::Linear, row: usize, column: usize, value: f32| {
         layer.w_b_mut(&mut arena).0[column * layer.n_out + row] = value;
     };

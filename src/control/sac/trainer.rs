@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     control::agent::Agent,
-    lce::model::LceModel,
+    lce::{dynamics::DynamicsPass, model::LceModel},
     nn::{adam::AdamSettings, columns::Block, mlp::Pass},
     num::{sampling, simd::vectorize},
 };
@@ -66,7 +66,7 @@ pub(super) struct Scratch {
     pub(super) tuples: Block<f32>,
     /// (z, a) of new tuples before they enter the replay buffer.
     pub(super) z_u: Block<f32>,
-    pub(super) dynamics: Pass<f32, 3>,
+    pub(super) dynamics: DynamicsPass<f32>,
     pub(super) predicted: Vec<f32>,
     pub(super) epsilon: Vec<f32>,
     pub(super) tuple: Vec<f32>,
@@ -90,7 +90,7 @@ impl Scratch {
         Self {
             tuples: Block::new(Tuple::width(n, a), b),
             z_u: Block::new(n + a, b),
-            dynamics: Pass::new(&model.nets.dynamics, b, 1),
+            dynamics: DynamicsPass::new(&model.nets.dynamics, b, 1),
             predicted: vec![0.0; 2 * n * b],
             epsilon: vec![0.0; n],
             tuple: vec![0.0; Tuple::width(n, a)],

@@ -22,6 +22,7 @@ impl Case {
     fn new() -> Self {
         let sizes = Sizes {
             jacobian_heads: false,
+            locally_linear: false,
             passive_dynamics: PassiveDynamics::None,
             images: ImageNetworks::Dense,
             pixels: 17,

@@ -7,7 +7,7 @@ use crate::{
         columns::{Block, BlockMut, cut_together},
         conv::{Conv, Resize, ShardSums, SparseConvMut, SparseConvPass, SparseConvStack, SparseConvWeights},
         mat::Accumulate,
-        mlp::{Layout, Mlp, Pass, PassMut, mask},
+        mlp::{Layout, Linear, Mlp, Pass, PassMut, mask},
     },
     num::Real,
 };
@@ -44,6 +44,11 @@ impl ConvEncoder {
             ]
         });
         Self { stack, dense: layout.mlp("encoder.dense", flat, [hidden, codes]) }
+    }
+
+    /// The layer that puts out the Gaussian.
+    pub(super) fn last(&self) -> Linear {
+        self.dense.layers[1]
     }
 }
 

@@ -4,6 +4,8 @@ mod convolutional;
 mod dense;
 mod shared_frames;
 
+use std::ops::Range;
+
 use super::{
     by_kind::{ByKind, every_kind},
     sizes::{ImageNetworks, Sizes},
@@ -11,7 +13,7 @@ use super::{
 use crate::{
     nn::{
         binary_images::BinaryImages,
-        mlp::{Layout, Mlp},
+        mlp::{Layout, Linear, Mlp},
     },
     num::Real,
 };
@@ -47,6 +49,16 @@ impl Encoder {
             ImageNetworks::SharedFrames(frames) => {
                 Self::SharedFrames(SharedFrameEncoder::new(layout, frames, sizes.entries(), sizes.encoder))
             }
+        }
+    }
+
+    /// The layer that puts out the log standard deviations, and which of its outputs they are.
+    pub(super) fn log_sigma_outputs(&self) -> (Linear, Range<usize>) {
+        let second_half = |layer: Linear| (layer, layer.n_out / 2..layer.n_out);
+        match self {
+            Self::Dense(net) => second_half(net.layers[2]),
+            Self::Convolutional(net) => second_half(net.last()),
+            Self::SharedFrames(net) => (net.log_sigma(), 0..net.log_sigma().n_out),
         }
     }
 }

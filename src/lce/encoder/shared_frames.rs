@@ -44,6 +44,11 @@ impl SharedFrameEncoder {
         Self { frame, log_sigma, differences }
     }
 
+    /// The layer that puts out the log standard deviations.
+    pub(super) fn log_sigma(&self) -> Linear {
+        self.log_sigma
+    }
+
     fn coordinates(&self) -> usize {
         self.frame.layers[2].n_out
     }

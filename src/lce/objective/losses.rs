@@ -1,14 +1,7 @@
 //! One function for every term of the loss. Each writes its value for one sample, and adds its weighted gradient.
 
 use super::pass::Pass;
-use crate::{
-    lce::{
-        anchor::{Anchor, Push},
-        gaussian_pair::GaussianPair,
-    },
-    nn::heads,
-    num::Real,
-};
+use crate::{lce::gaussian_pair::GaussianPair, nn::heads, num::Real};
 
 /// The code that D decodes, by its place among the three of a sample.
 #[derive(Debug, Clone, Copy)]
@@ -115,11 +108,9 @@ impl<T: Real> Pass<'_, '_, T> {
     /// The anchor |E(x') - E(x) - h(E(x)) - p|² of the means; see `lce::anchor`.
     #[inline(always)]
     pub(super) fn anchor(&mut self, i: usize) {
-        let (step, n, action) = (self.step, self.latent(), self.action(i));
-        let codes = GaussianPair::of(self.c.nets.encoder.codes(), n, i);
-        let (h, d_h) = self.c.nets.passive.sample(i);
-        let (scale, push) = (T::of(step.batch.anchor_scale), Push::of(&step.model.sizes));
-        let mut anchor = Anchor { codes, h, d_h, action, scale, push };
+        let (step, action) = (self.step, self.action(i));
+        let scale = T::of(step.batch.anchor_scale);
+        let mut anchor = self.c.nets.anchor(i, &step.model.sizes, action, scale);
         self.c.terms[i].anchor = anchor.squared(T::of(step.weights.anchor) * step.mean);
     }
 

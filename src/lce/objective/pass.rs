@@ -141,7 +141,7 @@ impl<'a, T: Real> Pass<'a, '_, T> {
     #[inline(always)]
     fn back_through_dynamics(&mut self) {
         let (step, n) = (self.step, self.latent());
-        self.c.nets.dynamics.output_delta().fill(T::ZERO);
+        self.c.nets.dynamics.output_and_delta().1.fill(T::ZERO);
         for i in 0..self.samples {
             let d_decoded = self.c.nets.d_decoder_input.sample(i);
             self.c.d_z1.sample(i).copy_from_slice(&d_decoded[..n]);
@@ -152,7 +152,7 @@ impl<'a, T: Real> Pass<'a, '_, T> {
         }
         let nets = &mut self.c.nets;
         let d_input = Some(&mut *nets.d_dynamics_input.data);
-        step.model.nets.dynamics.backward(&step.model.arena, &mut nets.dynamics, d_input);
+        step.model.nets.dynamics.backward(&step.model.arena, nets.dynamics_input.data, &mut nets.dynamics, d_input);
     }
 
     /// Evaluates the terms on E(·|x) and B. Takes gradients from z_e to E(·|x), from z_q to B, and from B to z1.
@@ -195,11 +195,7 @@ impl<'a, T: Real> Pass<'a, '_, T> {
     #[inline(always)]
     fn back_through_codes(&mut self) {
         let (step, n) = (self.step, self.latent());
-        let passive = step.model.nets.passive_dynamics.as_ref();
-        if let Some(passive) = passive {
-            let (codes, _) = self.c.nets.encoder.codes();
-            passive.forward(&step.model.arena, codes, &mut self.c.nets.passive);
-        }
+        self.c.nets.passive_forward(step.model);
         for i in 0..self.samples {
             let noise = self.noise(i);
             let GaussianPair { second: next, d_second: d_next, .. } =
@@ -209,9 +205,6 @@ impl<'a, T: Real> Pass<'a, '_, T> {
             self.entropy(i);
             self.anchor(i);
         }
-        if let Some(passive) = passive {
-            let (codes, d_codes) = self.c.nets.encoder.codes();
-            passive.backward(&step.model.arena, codes, &mut self.c.nets.passive, d_codes);
-        }
+        self.c.nets.passive_backward(step.model);
     }
 }

@@ -30,6 +30,7 @@ fn dense() -> Sizes {
         action: 2,
         images: ImageNetworks::Dense,
         jacobian_heads: true,
+        locally_linear: false,
         passive_dynamics: PassiveDynamics::Quadratic,
         encoder: [70, 33],
         decoder: [21, 40],
@@ -58,6 +59,7 @@ fn every_instruction_set_trains_to_the_same_bits() {
         let objective =
             Objective { weights, curvature_sigma: 0.1, anchor_scale: 1.0, guidance: None, regularizer: None };
         let warm_up = WarmUp { sigma: 0.3, scale: 1.0, anchor: 30.0, huber_delta: 3.0, shrink: 0.01 };
+        let pc3 = Pc3Loss { nce: 1.0, consistency: 1.0, curvature: 7.0, sigma: 0.1, ..Pc3Loss::default() };
         on_every_instruction_set(|| {
             let settings = AdamSettings { learning_rate: 1e-3, weight_decay: 1e-3 };
             let mut trainer = Trainer::new(model.clone(), Adam::new(model.arena.len()), settings);
@@ -65,6 +67,7 @@ fn every_instruction_set_trains_to_the_same_bits() {
             for _ in 0..steps {
                 trainer.warm_up_step(1, &data, &which, &warm_up, true, &mut rng);
                 trainer.step(1, &data, &which, &objective, &mut rng);
+                trainer.pc3_step(1, &data, &which, &pc3, &mut rng);
             }
             let bits = |x: &[f32]| x.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
             (bits(&trainer.model.arena), bits(&trainer.model.encode(&data.images)))
@@ -126,6 +129,39 @@ impl TrainingBackend<f64> for Ones {
         let terms = WarmUpTerms { anchor: batch.pairs.len() as f64, ..WarmUpTerms::default() };
         TermsAndGradient { terms, gradient: &self.0 }
     }
+
+    fn pc3(
+        &mut self,
+        _: usize,
+        _: &LceModel<f64>,
+        _: &Pc3Loss,
+        batch: &TransitionBatch<'_, f64>,
+    ) -> TermsAndGradient<'_, Pc3Terms, f64> {
+        let terms = Pc3Terms { nce: batch.noise.len() as f64, ..Pc3Terms::default() };
+        TermsAndGradient { terms, gradient: &self.0 }
+    }
+
+    fn e2c(
+        &mut self,
+        _: usize,
+        _: &LceModel<f64>,
+        _: &E2cLoss,
+        batch: &TransitionBatch<'_, f64>,
+    ) -> TermsAndGradient<'_, E2cTerms, f64> {
+        let terms = E2cTerms { prior: batch.noise.len() as f64, ..E2cTerms::default() };
+        TermsAndGradient { terms, gradient: &self.0 }
+    }
+
+    fn rce(
+        &mut self,
+        _: usize,
+        _: &LceModel<f64>,
+        _: &RceLoss,
+        batch: &TransitionBatch<'_, f64>,
+    ) -> TermsAndGradient<'_, RceTerms, f64> {
+        let terms = RceTerms { entropy: batch.noise.len() as f64, ..RceTerms::default() };
+        TermsAndGradient { terms, gradient: &self.0 }
+    }
 }
 
 #[test]
@@ -141,5 +177,8 @@ fn a_trainer_steps_along_its_back_ends_gradient_and_returns_its_terms() {
     let objective = Objective { weights, curvature_sigma: 0.1, anchor_scale: 1.0, guidance: None, regularizer: None };
     assert_eq!(trainer.warm_up_step(1, &data, &[0, 2], &WarmUp::default(), true, &mut rng).anchor, 4.0);
     assert_eq!(trainer.step(1, &data, &[0, 1, 2], &objective, &mut rng).curvature, 3.0);
-    assert!(trainer.model.arena.iter().zip(&before).all(|(after, before)| (before - after - 0.5).abs() < 1e-6));
+    assert_eq!(trainer.pc3_step(1, &data, &[1], &Pc3Loss::default(), &mut rng).nce, 6.0);
+    assert_eq!(trainer.e2c_step(1, &data, &[1], &E2cLoss::default(), &mut rng).prior, 2.0);
+    assert_eq!(trainer.rce_step(1, &data, &[1], &RceLoss::default(), &mut rng).entropy, 4.0);
+    assert!(trainer.model.arena.iter().zip(&before).all(|(after, before)| (before - after - 1.25).abs() < 1e-6));
 }

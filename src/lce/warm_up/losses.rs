@@ -5,11 +5,7 @@ use super::{
     settings::{WarmUp, WarmUpBatch},
 };
 use crate::{
-    lce::{
-        anchor::{Anchor, PseudoHuber, Push},
-        gaussian_pair::GaussianPair,
-        model::LceModel,
-    },
+    lce::{anchor::PseudoHuber, gaussian_pair::GaussianPair, model::LceModel},
     num::{Real, simd::vectorize},
 };
 
@@ -110,14 +106,14 @@ impl<T: Real> Pass<'_, '_, T> {
     /// Evaluates the consistency term, and takes gradients from F's means to its inputs.
     #[inline(always)]
     fn back_through_dynamics(&mut self) {
-        self.c.nets.dynamics.output_delta().fill(T::ZERO);
+        self.c.nets.dynamics.output_and_delta().1.fill(T::ZERO);
         self.c.nets.encoder.codes().1.fill(T::ZERO);
         for i in 0..self.samples {
             self.consistency(i);
         }
         let (model, nets) = (self.step.model, &mut self.c.nets);
         let d_input = Some(&mut *nets.d_dynamics_input.data);
-        model.nets.dynamics.backward(&model.arena, &mut nets.dynamics, d_input);
+        model.nets.dynamics.backward(&model.arena, nets.dynamics_input.data, &mut nets.dynamics, d_input);
     }
 
     /// The consistency term |F(E(x), u) - E(x')|² / 2s². Adds D's gradient to F's mean, too.
@@ -144,21 +140,14 @@ impl<T: Real> Pass<'_, '_, T> {
     /// Evaluates the terms on the codes alone. Takes gradients from the inputs of F and D to the codes.
     #[inline(always)]
     fn back_through_codes(&mut self) {
-        let step = self.step;
-        let passive = step.model.nets.passive_dynamics.as_ref();
-        if let Some(passive) = passive {
-            let (codes, _) = self.c.nets.encoder.codes();
-            passive.forward(&step.model.arena, codes, &mut self.c.nets.passive);
-        }
+        let model = self.step.model;
+        self.c.nets.passive_forward(model);
         for i in 0..self.samples {
             self.back_to_code_of_x(i);
             self.anchor(i);
             self.pull_on_codes(i);
         }
-        if let Some(passive) = passive {
-            let (codes, d_codes) = self.c.nets.encoder.codes();
-            passive.backward(&step.model.arena, codes, &mut self.c.nets.passive, d_codes);
-        }
+        self.c.nets.passive_backward(model);
     }
 
     /// The gradient of E(x)'s mean through F's skip connection, F's input and D's input.
@@ -177,11 +166,9 @@ impl<T: Real> Pass<'_, '_, T> {
     /// The anchor with a pseudo-Huber loss; see `lce::anchor`.
     #[inline(always)]
     fn anchor(&mut self, i: usize) {
-        let (step, n, a, s) = (self.step, self.latent(), self.step.model.sizes.action, self.step.settings);
+        let (step, a, s) = (self.step, self.step.model.sizes.action, self.step.settings);
         let action = &step.batch.actions[(self.first + i) * a..][..a];
-        let codes = GaussianPair::of(self.c.nets.encoder.codes(), n, i);
-        let (h, d_h) = self.c.nets.passive.sample(i);
-        let mut anchor = Anchor { codes, h, d_h, action, scale: T::of(s.scale), push: Push::of(&step.model.sizes) };
+        let mut anchor = self.c.nets.anchor(i, &step.model.sizes, action, T::of(s.scale));
         let constants = PseudoHuber {
             inverse_variance: T::of(1.0 / (s.sigma * s.sigma)),
             delta_squared: T::of(s.huber_delta * s.huber_delta),

@@ -31,6 +31,7 @@ fn all_numbers() -> Vec<(&'static str, String, bool)> {
         for given in [
             json!({}),
             json!({ "objective": { "value_guided": {} } }),
+            json!({ "objective": { "pc3": {} } }),
             json!({ "networks": { "pooled_patches": {} } }),
             json!({ "region": { "biased": {} } }),
         ] {

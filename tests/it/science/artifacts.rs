@@ -53,6 +53,7 @@ fn transitions() -> Transitions {
 fn model() -> TrainedModel {
     let sizes = Sizes {
         jacobian_heads: true,
+        locally_linear: false,
         passive_dynamics: PassiveDynamics::None,
         images: ImageNetworks::Dense,
         pixels: 6,

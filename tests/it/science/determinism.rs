@@ -4,7 +4,8 @@ use crate::support::stages;
 use std::collections::BTreeSet;
 
 use crate::support::models::{
-    convolutional_model_and_data, every_term, model_and_data, sac_settings, shared_frames_model_and_data,
+    convolutional_model_and_data, every_term, every_term_of_e2c, every_term_of_pc3, every_term_of_rce, locally_linear,
+    model_and_data, sac_settings, shared_frames_model_and_data,
 };
 use carl_pipe::{
     control::{
@@ -73,9 +74,25 @@ fn threads_change_no_bit_of(model: &LceModel, data: &Data) {
             for which in &batches {
                 let warm = trainer.warm_up_step(threads, data, which, &warm_up, true, &mut rng);
                 let after_warm_up = bits(&trainer.model.arena);
-                terms.push((warm, trainer.step(threads, data, which, &objective, &mut rng), after_warm_up));
+                let loss = trainer.step(threads, data, which, &objective, &mut rng);
+                let pc3 = trainer.pc3_step(threads, data, which, &every_term_of_pc3(), &mut rng);
+                terms.push((warm, after_warm_up, loss, pc3));
             }
-            (terms, bits(&trainer.model.arena), bits(&trainer.adam.m), bits(&trainer.adam.v))
+            let model = locally_linear(model);
+            let adam = Adam::new(model.arena.len());
+            let mut e2c = Trainer::new(model, adam, settings);
+            let loss = every_term_of_e2c();
+            let e2c_terms = batches.each_ref().map(|which| e2c.e2c_step(threads, data, which, &loss, &mut rng));
+            let loss = every_term_of_rce();
+            let rce_terms = batches.each_ref().map(|which| e2c.rce_step(threads, data, which, &loss, &mut rng));
+            (
+                terms,
+                bits(&trainer.model.arena),
+                bits(&trainer.adam.m),
+                bits(&trainer.adam.v),
+                (e2c_terms, rce_terms),
+                bits(&e2c.model.arena),
+            )
         })
     };
     let one = train(1);

@@ -60,6 +60,9 @@ fn training() -> Vec<(&'static str, Value, Owned<'static>)> {
             json!({ "epochs": 2, "objective": "pcc", "slopes": "amortized" }),
             vec![data(), ("warm_start", vec![&chain.amortized_model])],
         ),
+        ("train_lce", json!({ "epochs": 3, "objective": "rce", "warm_up": { "epochs": 1 } }), vec![data()]),
+        ("train_lce", json!({ "epochs": 3, "objective": "e2c", "warm_up": { "epochs": 1 } }), vec![data()]),
+        ("train_lce", json!({ "epochs": 3, "objective": { "pc3": {} }, "warm_up": { "epochs": 1 } }), vec![data()]),
         ("train_lce", json!({ "epochs": 1, "slopes": { "exact": { "refit_steps": 20 } } }), next()),
         (
             "train_lce",

@@ -46,6 +46,7 @@ impl Golden {
         let out = |layer: &str| self.outputs(layer);
         Sizes {
             jacobian_heads,
+            locally_linear: false,
             passive_dynamics: PassiveDynamics::None,
             images: ImageNetworks::Dense,
             pixels: self.shape("x")[1],

@@ -21,7 +21,7 @@ const PINNED: &[(&str, &str, u32, &str)] = &[
     ("evaluation", "evaluate", 1, "f6ce16218a838441"),
     ("ilqr", "control_ilqr", 1, "f7be276c8550b30f"),
     ("planned", "evaluate", 1, "a13a6c3e6a9009cb"),
-    ("map", "export_latent_map", 2, "267f17275bcb5402"),
+    ("map", "export_latent_map", 3, "267f17275bcb5402"),
     ("summary", "summarize", 1, "18deb0c19efd064b"),
 ];
 

@@ -39,6 +39,7 @@ pub(super) fn every_case() -> Vec<Case> {
 pub(super) fn case(latent: usize, action: usize) -> Case {
     case_of(Sizes {
         jacobian_heads: false,
+        locally_linear: false,
         passive_dynamics: PassiveDynamics::None,
         pixels: 23,
         latent,
@@ -55,6 +56,7 @@ pub(super) fn case(latent: usize, action: usize) -> Case {
 fn convolutional_case() -> Case {
     case_of(Sizes {
         jacobian_heads: false,
+        locally_linear: false,
         passive_dynamics: PassiveDynamics::None,
         pixels: 2 * 16 * 24,
         latent: 3,
@@ -105,6 +107,14 @@ pub(super) fn drifting_case() -> Case {
     drift.copy_from_slice(&random(&mut Rng::seed_from_u64(9), drift.len()));
     case.each = 30;
     case
+}
+
+/// Models with a locally linear F: planar-like, with passive dynamics, and on patches.
+pub(super) fn locally_linear_cases() -> [Case; 3] {
+    [case(2, 2), case(3, 1), patches_case()].map(|Case { model, .. }| {
+        let passive_dynamics = if model.sizes.latent == 3 { PassiveDynamics::Quadratic } else { PassiveDynamics::None };
+        case_of(Sizes { locally_linear: true, passive_dynamics, ..model.sizes })
+    })
 }
 
 fn case_of(sizes: Sizes) -> Case {

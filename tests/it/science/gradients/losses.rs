@@ -10,14 +10,14 @@ use carl_pipe::{
 };
 
 use super::{
-    cases::{Case, SAMPLES, amortized_case, case, drifting_case, every_case, some_of},
+    cases::{Case, SAMPLES, amortized_case, case, drifting_case, every_case, locally_linear_cases, some_of},
     check, dot,
 };
 
 #[test]
 fn the_gradient_of_the_whole_warm_up_equals_finite_differences() {
     let settings = WarmUp { sigma: 0.4, scale: 0.8, anchor: 3.0, huber_delta: 1.5, shrink: 0.05 };
-    for case in every_case() {
+    for case in every_case().into_iter().chain(locally_linear_cases()) {
         let latent = case.model.sizes.latent;
         let run = |arena: &[f64]| {
             let model = LceModel { arena: arena.to_vec(), ..case.model.clone() };

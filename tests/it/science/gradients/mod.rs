@@ -5,9 +5,12 @@
 
 mod cases;
 mod distillation;
+mod e2c;
 mod heads;
 mod layers;
 mod losses;
+mod pc3;
+mod rce;
 
 use carl_pipe::num::{rng::Rng, sampling};
 
