@@ -136,6 +136,7 @@ const LEARNING_STAGES: &[&str] = &[
     "stage/train_lce/objective.rs",
     "stage/train_lce/presets.rs",
     "stage/train_lce/state.rs",
+    "stage/train_lce/steps.rs",
     "stage/train_lce/terms.rs",
     "stage/train_lce/params.rs",
     "stage/train_sac.rs",

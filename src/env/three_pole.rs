@@ -92,7 +92,7 @@ fn defaults(of: &DefaultsOf<'_>) -> Value {
 
 fn train_lce(of: &DefaultsOf<'_>, preset: Preset) -> Value {
     let mut table = match of.chosen("objective") {
-        Some("pcc") => json!({}),
+        Some("pcc" | "pc3" | "e2c" | "rce") => json!({}),
         Some("value_guided") => json!({
             "lambda": { "prediction": 2.0, "consistency": 11.0 },
             "objective": { "value_guided": { "temperature": 1.0 / 60.0 } },

@@ -158,7 +158,7 @@ mod tests {
         for task_kind in env::registry() {
             let task: Task = serde_json::from_value(json!({ "env": task_kind.name })).unwrap();
             for kind in registry() {
-                for objective in ["carl", "pcc", "value_guided"] {
+                for objective in ["carl", "pcc", "pc3", "e2c", "rce", "value_guided"] {
                     for preset in [Preset::Recipe, Preset::Paper] {
                         let given = json!({ "objective": objective, "region": "biased" });
                         let given = given.as_object().unwrap();

@@ -8,6 +8,7 @@ mod objective;
 mod params;
 mod presets;
 mod state;
+mod steps;
 mod terms;
 
 use self::{
@@ -45,8 +46,7 @@ impl Stage for TrainLce {
     const KIND: &'static str = "train_lce";
     /// 3: parameters under their choice; same output as 2.
     const VERSION: u32 = 3;
-    const ABOUT: &'static str =
-        "encoder, dynamics, decoder and backward dynamics by the loss of CARL, value-guided or not, or PCC";
+    const ABOUT: &'static str = "encoder, dynamics, decoder and backward dynamics by the loss of CARL, value-guided or not, PCC, PC3, E2C or RCE";
     type Params = Params;
     type Inputs = Inputs;
     type Output = TrainedModel;
@@ -107,7 +107,7 @@ fn best_of_attempts(
         let (best, fault) = match trained {
             Ok(trained) => {
                 let attempt = Attempt { number: training.attempt, trained };
-                let (best, checks) = better_map(earlier, attempt, transitions, least_alignment);
+                let (best, checks) = better_map(earlier, attempt, setup);
                 match checks.fault(least_alignment) {
                     Some(fault) if !is_last => (Some(best).filter(|_| !checks.is_diverged()), fault),
                     _ if checks.is_diverged() => {
@@ -121,7 +121,7 @@ fn best_of_attempts(
                 (diverged, None) if is_last => return Err(diverged.into()),
                 (diverged, Some(best)) if is_last => {
                     warn(cx, training, &diverged.to_string());
-                    let checks = check_map(&best.trained.model, transitions);
+                    let checks = check_map(&best.trained.model, setup);
                     return Ok((best, checks));
                 }
                 (diverged, earlier) => (earlier, diverged.to_string()),
@@ -138,6 +138,10 @@ fn warm_start(params: &Params, mut model: TrainedModel) -> anyhow::Result<Traine
     anyhow::ensure!(
         model.model.sizes.jacobian_heads == (params.slopes == Slopes::Amortized),
         "`slopes` differs from what the model of `warm_start` was trained with"
+    );
+    anyhow::ensure!(
+        model.model.sizes.locally_linear == params.objective.is_locally_linear(),
+        "the model of `warm_start` has another kind of dynamics than `objective` needs: those of E2C and RCE are locally linear"
     );
     model.set_passive_dynamics(params.passive_dynamics);
     Ok(model)
@@ -157,32 +161,33 @@ fn new_model(
 }
 
 /// The attempt with the better map, and the checks of its map. The earlier attempt wins a tie.
-fn better_map(
-    best: Option<Attempt>,
-    new: Attempt,
-    transitions: &Transitions,
-    least_alignment: f64,
-) -> (Attempt, MapChecks) {
-    let new_checks = check_map(&new.trained.model, transitions);
+fn better_map(best: Option<Attempt>, new: Attempt, setup: &Setup<'_>) -> (Attempt, MapChecks) {
+    let new_checks = check_map(&new.trained.model, setup);
     let Some(best) = best else { return (new, new_checks) };
-    let checks = check_map(&best.trained.model, transitions);
+    let checks = check_map(&best.trained.model, setup);
+    let least_alignment = setup.params.least_alignment;
     if new_checks.score(least_alignment) > checks.score(least_alignment) { (new, new_checks) } else { (best, checks) }
 }
 
 /// Observations that the map checks read: the first ones, which come from random states.
 const CHECKED: usize = 1024;
 
-fn check_map(model: &LceModel, transitions: &Transitions) -> MapChecks {
+/// Goals have no rank where the objective does not decode.
+fn check_map(model: &LceModel, setup: &Setup<'_>) -> MapChecks {
+    let (objective, transitions) = (&setup.params.objective, setup.transitions);
     let checked = transitions.len().min(CHECKED) * transitions.pixels();
     let observations = model.pictures(&transitions.observations[..checked]);
-    map_checks::check(model, &observations, &model.pictures(&transitions.goals))
+    let goals = if objective.decodes() { &transitions.goals[..] } else { &[] };
+    map_checks::check(model, &observations, &model.pictures(goals))
 }
 
 fn report(cx: &mut StageCx<'_>, restarts: u64, checks: &MapChecks) {
     cx.metric("restarts", restarts as f64);
     cx.metric("code_spread", checks.spread);
     cx.metric("action_alignment", checks.alignment);
-    cx.metric("goal_rank", checks.goal_rank());
+    if !checks.goal_ranks.is_empty() {
+        cx.metric("goal_rank", checks.goal_rank());
+    }
 }
 
 fn warn(cx: &mut StageCx<'_>, training: &Training, sentence: &str) {

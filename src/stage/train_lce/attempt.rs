@@ -4,14 +4,12 @@ use super::{
     curves,
     params::{Params, Refit, Slopes},
     state::Training,
+    steps::Note,
     terms::OwnedRegularizer,
 };
 use crate::{
     artifact::{TrainedModel, Transitions},
-    lce::{
-        refit::refit,
-        trainer::{BATCH, Data},
-    },
+    lce::{refit::refit, trainer::Data},
     nn::adam::AdamSettings,
     num::sampling,
     record::At,
@@ -31,12 +29,12 @@ pub(super) struct Setup<'a> {
 }
 
 /// The passes of one attempt.
-struct Schedule {
+pub(super) struct Schedule {
     epochs: u64,
     /// Of these, passes with the anchored warm-up, at the beginning.
-    warm_up_epochs: u64,
+    pub(super) warm_up_epochs: u64,
     /// Passes after the warm-up over which the consistency weight grows.
-    ramp_epochs: u64,
+    pub(super) ramp_epochs: u64,
 }
 
 impl Schedule {
@@ -63,18 +61,22 @@ impl Setup<'_> {
         let probe = cx.map_probe();
         let earlier_epochs = state.all_epochs - state.epoch;
         while state.epoch < schedule.epochs {
-            let loss = self.train_epoch(&schedule, &data, state, cx)?;
+            let Note { name, nats } = self.train_epoch(&schedule, &data, state, cx)?;
             if state.epoch.is_multiple_of(self.params.map_every) || state.epoch + 1 == schedule.epochs {
                 let at = At::new(cx.round, state.all_epochs as u32, state.all_steps - 1);
                 probe.record(&state.trainer.model, cx.record, at);
-                curves::images(cx, at, self.transitions, &state.trainer.model);
+                let decodes = self.params.objective.decodes();
+                curves::images(cx, at, self.transitions, &state.trainer.model, decodes);
             }
             state.epoch += 1;
             state.all_epochs += 1;
-            let note = format!("decoding {loss:.1} nats");
+            let note = format!("{name} {nats:.1} nats");
             cx.tick(state.all_epochs, earlier_epochs + schedule.epochs, &note, state)?;
         }
         let mut trained = state.trained();
+        if let Some(sigma) = self.params.objective.code_sigma() {
+            trained.model.set_code_sigma(sigma as f32);
+        }
         if let Slopes::Exact(Refit { refit_steps: steps @ 1.. }) = self.params.slopes {
             let codes = trained.model.encode(&data.images);
             let (rng, learning_rate) = (&mut cx.rng(("refit", state.attempt)), self.params.warm_up.learning_rate);
@@ -86,14 +88,14 @@ impl Setup<'_> {
         Ok(trained)
     }
 
-    /// One pass over the transitions in random order. Gives the reconstruction loss of the last batch, in nats.
+    /// One pass over the transitions in random order. Gives a loss of the last batch.
     fn train_epoch(
         &self,
         schedule: &Schedule,
         data: &Data,
         state: &mut Training,
         cx: &mut StageCx<'_>,
-    ) -> Result<f64, Diverged> {
+    ) -> Result<Note, Diverged> {
         let params = self.params;
         let is_warm_up = state.epoch < schedule.warm_up_epochs;
         let learning_rate = if is_warm_up { params.warm_up.learning_rate } else { params.learning_rate };
@@ -105,34 +107,17 @@ impl Setup<'_> {
         });
         let mut rng = cx.rng(("batches", state.attempt << 32 | state.epoch));
         let order = sampling::shuffled(&mut rng, data.len());
-        let batches = order.len().div_ceil(BATCH) as u64;
-        let mut loss = 0.0;
-        for (batch, which) in order.chunks(BATCH).enumerate() {
-            let at = state.now(cx.round);
-            state.all_steps += 1;
-            let threads = cx.threads.get();
-            if is_warm_up {
-                let decodes = state.epoch >= params.warm_up.anchor_epochs;
-                let terms = state.trainer.warm_up_step(threads, data, which, &params.warm_up.loss, decodes, &mut rng);
-                curves::warm_up(cx, at, &terms);
-                let step = TrainingStep { number: at.step, learning_rate: "warm_up.learning_rate" };
-                step.must_be_finite(&terms.named(), state.trainer.is_finite())?;
-                loss = terms.prediction;
+        let batch = self.batch(is_warm_up);
+        let batches = order.len().div_ceil(batch) as u64;
+        let mut note = None;
+        for (number, which) in order.chunks(batch).enumerate() {
+            note = Some(if is_warm_up {
+                self.warm_up_step(data, which, state, cx, &mut rng)?
             } else {
-                let ramp_step = (state.epoch - schedule.warm_up_epochs) * batches + batch as u64;
-                let objective = params.objective_at(
-                    ramp_step,
-                    schedule.ramp_epochs * batches,
-                    self.regularizer.as_deref(),
-                    self.guidance.as_deref(),
-                );
-                let terms = state.trainer.step(threads, data, which, &objective, &mut rng);
-                curves::loss(cx, at, &terms, &objective.weights);
-                let step = TrainingStep { number: at.step, learning_rate: "learning_rate" };
-                step.must_be_finite(&terms.named(), state.trainer.is_finite())?;
-                loss = terms.deterministic;
-            }
+                let place = (number as u64, batches);
+                self.objective_step(schedule, place, (data, which), state, cx, &mut rng)?
+            });
         }
-        Ok(loss)
+        Ok(note.expect("there are transitions"))
     }
 }

@@ -3,9 +3,12 @@
 use super::params::{FramePatches, Lambda, LossName, Networks, Params, Refit, Slopes, UNBOUNDED, WarmUpSchedule};
 use crate::{
     control::guidance::Guidance,
-    lce::{Differences, warm_up::WarmUp},
+    lce::{Differences, pc3::Pc3, warm_up::WarmUp},
     stage::{MOST_COPIES, MOST_PASSES, MOST_STEPS, Refusal, above_zero, count, within},
 };
+
+/// The most transitions of one batch.
+const MOST_SAMPLES_OF_A_BATCH: u64 = 512;
 
 /// The most coordinates that one part of a code may have.
 const MOST_COORDINATES: u64 = 64;
@@ -26,8 +29,11 @@ pub(super) fn out_of_range(params: &Params) -> Vec<Refusal> {
     above_zero(&mut refusals, "curvature_sigma", params.curvature_sigma);
     within(&mut refusals, "least_alignment", params.least_alignment, 0.0, 1.0);
     warm_up(&params.warm_up, &mut refusals);
-    if let LossName::ValueGuided(settings) = &params.objective {
-        guidance(settings, &mut refusals);
+    match &params.objective {
+        LossName::Carl | LossName::Pcc => {}
+        LossName::ValueGuided(settings) => guidance(settings, &mut refusals),
+        LossName::Pc3(settings) => pc3(settings, &params.lambda, &mut refusals),
+        LossName::E2c | LossName::Rce => locally_linear(params, &mut refusals),
     }
     refusals
 }
@@ -122,4 +128,70 @@ fn guidance(guidance: &Guidance, refusals: &mut Vec<Refusal>) {
     within(refusals, "objective.value_guided.discount", discount, 0.01, 1.0);
     count(refusals, "objective.value_guided.samples", samples, 1..=10_000);
     within(refusals, "objective.value_guided.bound", bound, 0.0, UNBOUNDED);
+}
+
+fn pc3(pc3: &Pc3, lambda: &Lambda, refusals: &mut Vec<Refusal>) {
+    let &Pc3 { nce, center, sigma, batch } = pc3;
+    within(refusals, "objective.pc3.nce", nce, 0.0, 1e6);
+    within(refusals, "objective.pc3.center", center, 0.0, 1e6);
+    above_zero(refusals, "objective.pc3.sigma", sigma);
+    count(refusals, "objective.pc3.batch", batch, 2..=MOST_SAMPLES_OF_A_BATCH);
+    let without = [
+        ("lambda.encode_decode", lambda.encode_decode),
+        ("lambda.prior", lambda.prior),
+        ("lambda.prediction", lambda.prediction),
+        ("lambda.regularizer", lambda.regularizer),
+        ("lambda.deterministic", lambda.deterministic),
+    ];
+    must_be_zero("pc3", &without, refusals);
+}
+
+/// E2C and RCE.
+fn locally_linear(params: &Params, refusals: &mut Vec<Refusal>) {
+    let Lambda { encode_decode, prior, curvature, regularizer, deterministic, .. } = params.lambda;
+    let without =
+        [("lambda.curvature", curvature), ("lambda.regularizer", regularizer), ("lambda.deterministic", deterministic)];
+    let objective = if params.objective == LossName::Rce { "rce" } else { "e2c" };
+    must_be_zero(objective, &without, refusals);
+    if params.objective == LossName::Rce {
+        must_be_zero(objective, &[("lambda.encode_decode", encode_decode), ("lambda.prior", prior)], refusals);
+    }
+    if params.slopes == Slopes::Amortized {
+        let why = format!("must be `exact` with `objective = \"{objective}\"`: its F puts out A and B itself");
+        refusals.push(Refusal::new("slopes", why));
+    }
+}
+
+/// Refuses weights of terms that an objective does not have.
+fn must_be_zero(objective: &str, lambda: &[(&'static str, f64)], refusals: &mut Vec<Refusal>) {
+    for &(path, _) in lambda.iter().filter(|(_, weight)| *weight > 0.0) {
+        refusals.push(Refusal::new(
+            path,
+            format!("must be 0 with `objective = \"{objective}\"`: its loss has no such term"),
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lce::pc3::Pc3;
+
+    #[test]
+    fn an_objective_refuses_the_weights_of_terms_that_it_does_not_have() {
+        let with = |lambda: Lambda| Params { objective: LossName::Pc3(Pc3::default()), lambda, ..Params::default() };
+        let refused = |params: &Params| out_of_range(params).into_iter().map(|it| it.path).collect::<Vec<_>>();
+        let own = Lambda::of(&LossName::Pc3(Pc3::default()));
+        assert_eq!(refused(&with(own.clone())), [""; 0]);
+        assert_eq!(refused(&with(Lambda { prediction: 0.5, ..own.clone() })), ["lambda.prediction"]);
+        assert_eq!(
+            refused(&with(Lambda { prior: 0.5, deterministic: 1.0, ..own })),
+            ["lambda.prior", "lambda.deterministic"]
+        );
+        assert_eq!(refused(&Params::default()), [""; 0], "CARL has these terms");
+        let e2c = |lambda, slopes| Params { objective: LossName::E2c, lambda, slopes, ..Params::default() };
+        let own = Lambda::of(&LossName::E2c);
+        assert_eq!(refused(&e2c(own.clone(), Slopes::Exact(Refit::default()))), [""; 0]);
+        assert_eq!(refused(&e2c(Lambda { curvature: 1.0, ..own }, Slopes::Amortized)), ["lambda.curvature", "slopes"]);
+    }
 }

@@ -17,6 +17,7 @@ pub(super) fn random_model(
     rng: &mut Rng,
 ) -> anyhow::Result<TrainedModel> {
     sizes.jacobian_heads = params.slopes == Slopes::Amortized;
+    sizes.locally_linear = params.objective.is_locally_linear();
     match params.networks {
         Networks::Paper => {}
         Networks::PooledPatches(patches) => {

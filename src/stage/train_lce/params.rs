@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     control::guidance::Guidance,
-    lce::{Differences, PassiveDynamics, warm_up::WarmUp},
+    lce::{Differences, PassiveDynamics, pc3::Pc3, warm_up::WarmUp},
     stage::Symmetries,
 };
 
@@ -19,6 +19,32 @@ pub(in crate::stage) enum LossName {
     ValueGuided(Guidance),
     /// The loss of PCC. Its VAE term has a prior on the codes.
     Pcc,
+    /// The loss of PC3, which has no decoder. Only the warm-up decodes.
+    Pc3(Pc3),
+    /// The loss of E2C, with a locally linear F.
+    E2c,
+    /// The loss of RCE, with a locally linear F.
+    Rce,
+}
+
+impl LossName {
+    /// Whether F is a locally linear transition.
+    pub(super) fn is_locally_linear(&self) -> bool {
+        matches!(self, Self::E2c | Self::Rce)
+    }
+
+    /// Whether the loss trains the decoder.
+    pub(super) fn decodes(&self) -> bool {
+        !matches!(self, Self::Pc3(_))
+    }
+
+    /// The standard deviation of codes where the encoder learns none of its own.
+    pub(super) fn code_sigma(&self) -> Option<f64> {
+        match self {
+            Self::Pc3(pc3) => Some(pc3.sigma),
+            _ => None,
+        }
+    }
 }
 
 /// How L_cur, and later iLQR, get the slopes A and B of F.
@@ -148,7 +174,7 @@ pub(in crate::stage) struct Lambda {
     pub(super) prior: f64,
     /// L_p, prediction.
     pub(super) prediction: f64,
-    /// L_c, consistency.
+    /// L_c, consistency; in E2C, the KL of the transition.
     pub(super) consistency: f64,
     /// L_cur, curvature.
     pub(super) curvature: f64,

@@ -56,6 +56,13 @@ impl Training {
         At::new(round, self.all_epochs as u32, self.all_steps)
     }
 
+    /// Counts one more step, and gives its time.
+    pub(super) fn next_step(&mut self, round: u32) -> At {
+        let at = self.now(round);
+        self.all_steps += 1;
+        at
+    }
+
     /// The model of the current attempt as it is now.
     pub(super) fn trained(&self) -> TrainedModel {
         let (model, adam) = (self.trainer.model.clone(), self.trainer.adam.clone());

@@ -153,6 +153,31 @@ fn value_guided_files_have_the_papers_weights() {
     }
 }
 
+/// The configuration of its authors' public code.
+#[test]
+fn pc3s_files_have_its_authors_weights_and_batches() {
+    let files = files();
+    for task in ["planar", "swing_up"] {
+        let represent = |name: &str| {
+            let graph = graph(&files[name], &[]);
+            graph.nodes.iter().find(|node| node.kind.name == "train_lce").unwrap().params.clone()
+        };
+        let [letter, recipe] = [format!("{task}_pc3_paper"), format!("{task}_pc3")].map(|name| represent(&name));
+        for params in [&letter, &recipe] {
+            let pc3 = serde_json::json!({ "nce": 1.0, "center": 0.1, "sigma": 0.1, "batch": 256 });
+            assert_eq!(params["objective"]["pc3"], pc3, "{task}");
+            let lambda = &params["lambda"];
+            assert_eq!((&lambda["consistency"], &lambda["curvature"]), (&1.0.into(), &7.0.into()), "{task}");
+            assert_eq!((&params["learning_rate"], &params["weight_decay"]), (&5e-4.into(), &1e-3.into()), "{task}");
+        }
+        let of_ours = |params: &serde_json::Value| {
+            (params["warm_up"]["epochs"].as_u64().unwrap(), params["lambda"]["anchor"].as_f64().unwrap())
+        };
+        assert_eq!((of_ours(&letter), &letter["epochs"]), ((0, 0.0), &2000.into()), "{task}");
+        assert!(of_ours(&recipe).0 > 0 && of_ours(&recipe).1 > 0.0, "{task}");
+    }
+}
+
 #[test]
 fn both_controllers_share_the_maps_of_the_files_that_compare_them() {
     let files = files();
