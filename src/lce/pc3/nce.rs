@@ -117,7 +117,7 @@ impl<T: Real> Nce<T> {
         let with_least = ratio + T::of(LEAST);
         let slope = weights.nce * ratio / with_least;
         let share = slope / sum;
-        scores.iter_mut().for_each(|e| *e = *e * share);
+        scores.iter_mut().for_each(|e| *e *= share);
         scores[i] -= slope + weights.consistency;
         PairTerms { nce: -with_least.log(), log_density }
     }

@@ -94,7 +94,7 @@ impl<T: Real> Pc3Workspace<T> {
         for z_u in nets.dynamics_input.data.chunks_exact(n + step.model.sizes.action) {
             center.iter_mut().zip(z_u).for_each(|(sum, &z)| *sum += z);
         }
-        center.iter_mut().for_each(|sum| *sum = *sum * step.mean);
+        center.iter_mut().for_each(|sum| *sum *= step.mean);
         let weights = [step.loss.nce, step.loss.consistency].map(|weight| T::of(weight) * step.mean);
         let weights = PairWeights { nce: weights[0], consistency: weights[1] };
         let (gaussians, d_gaussians) = nets.dynamics.output_and_delta();

@@ -96,7 +96,8 @@ fn cases(model: &LceModel<f64>, images: &BinaryImages) -> Vec<Case> {
     let RceWorkspace { mut backward, terms, .. } = workspace;
     let mut backward = backward.view(pairs.len());
     let unit = |e: f64| -0.5 * e * e - 0.5 * (2.0 * std::f64::consts::PI).ln();
-    let case = |(i, &((a, of_a), (b, of_b))): (usize, &((f64, f64), (f64, f64)))| {
+    let case = |i: usize| {
+        let ((a, of_a), (b, of_b)) = pairs[i];
         let gaussian = backward.gaussian(i);
         let (mean, log_sigma) = (gaussian[0], gaussian[1]);
         let point = mean + log_sigma.exp() * b;
@@ -104,7 +105,7 @@ fn cases(model: &LceModel<f64>, images: &BinaryImages) -> Vec<Case> {
         let log_ratio = prior - (unit(b) - log_sigma) - (unit(a) - codes[3]);
         Case { weight: of_a * of_b, terms: terms[i], log_ratio }
     };
-    pairs.iter().enumerate().map(case).collect()
+    (0..pairs.len()).map(case).collect()
 }
 
 /// Jensen's inequality turns E_q[w] = p(x'|x, u) into the bound E_q[ln w]. The first is an equality, so it tests every part
