@@ -23,6 +23,7 @@ use carl_pipe::{
         mat,
     },
     num::rng::Rng,
+    solar::{self, SolarModel, trainer::SolarTrainer},
 };
 use models::{
     convolutional_model_and_data, every_term, every_term_of_e2c, every_term_of_pc3, every_term_of_rce, locally_linear,
@@ -122,6 +123,32 @@ fn a_training_step_allocates_nothing(model: LceModel, data: &Data) {
     for which in later {
         let asked = asked(|| _ = trainer.rce_step(1, data, which, &every_term_of_rce(), &mut rng));
         assert_eq!(asked, NOTHING, "RCE, {} samples", which.len());
+    }
+}
+
+#[test]
+fn a_training_step_of_solar_allocates_nothing() {
+    const STEPS: usize = 40;
+    let (model, data) = model_and_data(3 * STEPS / 2);
+    let sizes = model.sizes.clone();
+    let data = solar::trainer::Data {
+        actions: data.actions.iter().chain(&data.actions).map(|&u| f64::from(u)).collect(),
+        costs: vec![1.0; 3 * STEPS],
+        images: data.images,
+        steps: STEPS,
+    };
+    for transitions in [STEPS - 1, 1] {
+        let mut solar =
+            SolarModel::new(sizes.clone(), model.background.clone(), transitions, &mut Rng::seed_from_u64(8));
+        let settings = solar::trainer::Settings { learning_rate: 1e-3, clip: 5.0, dynamics_rate: 8e-4 };
+        let mut trainer = SolarTrainer::new(&solar, settings, STEPS, 2);
+        let mut rng = Rng::seed_from_u64(9);
+        trainer.step(1, &mut solar, &data, &[0, 2], 0.5, &mut rng);
+        for batch in [&[1, 0][..], &[2]] {
+            let asked = asked(|| _ = trainer.step(1, &mut solar, &data, batch, 0.5, &mut rng));
+            assert_eq!(asked, NOTHING, "{} trajectories, {transitions} transitions", batch.len());
+            assert!(trainer.is_finite());
+        }
     }
 }
 

@@ -18,13 +18,21 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
     ("nn", &[("num", "random weights, portable math, vectors, threads")]),
     ("env", &[("num", "random starts, goals and noise; portable math")]),
     ("lce", &[("num", "random weights and noise"), ("nn", "networks")]),
-    ("solar", &[("num", "vectors, numbers of both precisions")]),
+    (
+        "solar",
+        &[
+            ("num", "random weights and noise, vectors"),
+            ("nn", "optimisers, binary images"),
+            ("lce", "encoder and decoder"),
+        ],
+    ),
     (
         "control",
         &[
             ("num", "random actions, batches and episodes"),
             ("nn", "networks"),
             ("lce", "policies act on codes, and SAC rolls the learned dynamics out"),
+            ("solar", "a policy of SOLAR's controller"),
             ("env", "simulators for `episodes` and `oracle`, and only there"),
         ],
     ),
@@ -35,6 +43,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("num", "a summary holds statistics"),
             ("nn", "optimisers and arenas lie on disk"),
             ("lce", "a model is an artifact"),
+            ("solar", "models and controllers of SOLAR are artifacts"),
             ("control", "agents and settings of iLQR are artifacts, and an evaluation names its rule"),
             ("env", "an evaluation names its starts"),
         ],
@@ -45,6 +54,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("diag", "the symmetry that was probably meant"),
             ("artifact", "what goes in and comes out"),
             ("lce", "training of the representation"),
+            ("solar", "training and control of SOLAR"),
             ("control", "training and running of policies"),
             ("env", "data, evaluation and the map probe"),
             ("nn", "optimisers and noise"),
@@ -113,8 +123,17 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
 ];
 
 /// What learns: it gets pictures, actions and codes, and a true state cannot reach it.
-const LEARNING: &[&str] =
-    &["lce", "solar", "control", "artifact/transitions.rs", "artifact/lce_model.rs", "artifact/agent.rs", "nn"];
+const LEARNING: &[&str] = &[
+    "lce",
+    "solar",
+    "control",
+    "artifact/transitions.rs",
+    "artifact/trajectories.rs",
+    "artifact/solar.rs",
+    "artifact/lce_model.rs",
+    "artifact/agent.rs",
+    "nn",
+];
 
 /// What moves the world, among files that learn.
 const ACTING: &[&str] = &["control/episodes.rs", "control/oracle.rs"];
@@ -141,6 +160,9 @@ const LEARNING_STAGES: &[&str] = &[
     "stage/train_lce/params.rs",
     "stage/train_sac.rs",
     "stage/train_sac/state.rs",
+    "stage/train_solar.rs",
+    "stage/train_solar/params.rs",
+    "stage/train_solar/state.rs",
     "stage/distill_policy.rs",
     "stage/distill_policy/state.rs",
 ];

@@ -1,4 +1,5 @@
-//! What is timed: training steps of the four tasks' models, an update of SAC, one decision.
+//! What is timed: training steps of the four tasks' models, an update of SAC, one decision, SOLAR's training steps and its
+//! smoother.
 
 use carl_pipe::{
     control::{
@@ -15,13 +16,20 @@ use carl_pipe::{
     },
     nn::adam::{Adam, AdamSettings},
     num::{rng::Rng, sampling},
+    solar::{
+        self, SolarModel,
+        chain::{Evidence, chain},
+        mniw::{Expected, Mniw},
+        trainer::SolarTrainer,
+    },
     stage::network_sizes,
 };
 use rand::SeedableRng as _;
 use serde_json::json;
 
 /// All of them.
-pub(crate) const NAMES: [&str; 6] = ["planar", "swing_up", "cart_pole", "three_pole", "sac", "act"];
+pub(crate) const NAMES: [&str; 9] =
+    ["planar", "swing_up", "cart_pole", "three_pole", "sac", "act", "solar_planar", "solar_swing_up", "smoother"];
 
 /// Transitions in a set: more than fit the caches, as in training.
 const TRANSITIONS: usize = 1024;
@@ -37,6 +45,9 @@ impl Work {
         match name {
             "sac" => sac(threads),
             "act" => act(),
+            "solar_planar" => solar("planar", threads),
+            "solar_swing_up" => solar("swing_up", threads),
+            "smoother" => smoother(),
             _ => represent(name, threads),
         }
     }
@@ -220,5 +231,54 @@ fn act() -> Work {
         let z = encoder.mean(&frames);
         std::hint::black_box(agent.act(&z, &goal, None));
     };
+    Work { step: Box::new(step), gflop }
+}
+
+/// One step of SOLAR's ELBO on two episodes, with Adam. The episodes are pictures of random states.
+fn solar(name: &str, threads: usize) -> Work {
+    let task: Task = serde_json::from_value(json!({ "env": name })).expect("a task");
+    let (steps, batch) = (task.spec().horizon, 2);
+    let (model, data) = model_and_data(name);
+    let episodes = data.images.len() / steps;
+    let actions = data.actions.iter().cycle().take(episodes * steps * data.action_dim);
+    let data = solar::trainer::Data {
+        actions: actions.map(|&u| f64::from(u)).collect(),
+        costs: Vec::new(),
+        images: data.images,
+        steps,
+    };
+    let sizes = &model.sizes;
+    let ([e0, e1], [d0, d1], codes) = (sizes.encoder, sizes.decoder, 2 * sizes.latent);
+    let encoder = 3.0 * dense(&[sizes.pixels, e0, e1, codes]) - dense(&[sizes.pixels, e0]);
+    let decoder = 3.0 * dense(&[sizes.latent, d0, d1, sizes.pixels]);
+    let gflop = 2.0 * (steps * batch) as f64 * (encoder + decoder) / 1e9;
+    let mut rng = Rng::seed_from_u64(2);
+    let mut solar = SolarModel::new(model.sizes, model.background, steps - 1, &mut rng);
+    let settings = solar::trainer::Settings { learning_rate: 1e-3, clip: 5.0, dynamics_rate: 2e-5 * steps as f64 };
+    let mut trainer = SolarTrainer::new(&solar, settings, steps, batch);
+    let step = move || {
+        let which = [0; 2].map(|_| sampling::index(&mut rng, episodes) as u32);
+        std::hint::black_box(trainer.step(threads, &mut solar, &data, &which, 0.5, &mut rng));
+    };
+    Work { step: Box::new(step), gflop }
+}
+
+/// SOLAR's smoother on one episode of 400 steps with 8 latent components.
+fn smoother() -> Work {
+    let (d, m, steps) = (8, 1, 400);
+    let mut rng = Rng::seed_from_u64(4);
+    let dynamics: Vec<Expected> = vec![Mniw::prior(d, d + m).expected().expect("a prior"); steps - 1];
+    let (mut linear, mut actions) = (vec![0.0; d * steps], vec![0.0; m * steps]);
+    sampling::fill_normal(&mut rng, &mut linear);
+    sampling::fill_normal(&mut rng, &mut actions);
+    let precision = vec![2.0; d * steps];
+    let mut chain = chain(d, m, steps);
+    chain.set_dynamics(&dynamics);
+    let step = move || {
+        let evidence = Evidence { precision: &precision, linear: &linear };
+        std::hint::black_box(chain.smooth(evidence, &actions));
+    };
+    // Products and factors of 8 x 8 matrices: six products, a factor and an inverse a step.
+    let gflop = (steps * (6 * 2 * d * d * d + 2 * d * d * d / 3)) as f64 / 1e9;
     Work { step: Box::new(step), gflop }
 }

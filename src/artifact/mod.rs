@@ -8,8 +8,10 @@ mod ilqr;
 mod latent_map;
 mod lce_model;
 mod sizes;
+mod solar;
 mod summary;
 pub(crate) mod tensors;
+mod trajectories;
 mod transitions;
 
 pub use crate::store::Files;
@@ -18,7 +20,9 @@ pub use evaluation::{EpisodeResult, Evaluation};
 pub use finite::must_be_finite;
 pub use latent_map::{Codes, LatentAxis, LatentMap};
 pub use lce_model::TrainedModel;
+pub(crate) use solar::{put_plans, take_plans};
 pub use summary::{MetricSummary, ResultSummary};
+pub use trajectories::Trajectories;
 pub use transitions::Transitions;
 
 /// A value that one stage makes and others take.

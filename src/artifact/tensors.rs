@@ -38,6 +38,11 @@ impl Tensors {
         self.add(name, Dtype::F32, shape, values.iter().flat_map(|v| v.to_le_bytes()).collect())
     }
 
+    /// Adds numbers in double precision, in row-major order.
+    pub fn f64(&mut self, name: impl Into<String>, shape: &[usize], values: &[f64]) -> &mut Self {
+        self.add(name, Dtype::F64, shape, values.iter().flat_map(|v| v.to_le_bytes()).collect())
+    }
+
     /// Adds bytes. A vector becomes a part of the file without a copy.
     pub fn u8(&mut self, name: impl Into<String>, shape: &[usize], values: impl Into<Vec<u8>>) -> &mut Self {
         self.add(name, Dtype::U8, shape, values.into())
@@ -164,6 +169,11 @@ impl<'a> TensorFile<'a> {
     /// Numbers in row-major order.
     pub fn f32(&self, name: &str) -> anyhow::Result<Vec<f32>> {
         self.values(name, Dtype::F32, f32::from_le_bytes)
+    }
+
+    /// Numbers in double precision, in row-major order.
+    pub fn f64(&self, name: &str) -> anyhow::Result<Vec<f64>> {
+        self.values(name, Dtype::F64, f64::from_le_bytes)
     }
 
     /// Bytes.

@@ -12,9 +12,11 @@ mod oracle;
 mod policy;
 pub mod regularizer;
 pub mod sac;
+mod solar_policy;
 
 pub use agent::Agent;
 pub use agent_policy::{Acting, AgentPolicy};
 pub use ilqr::{Ilqr, IlqrPolicy};
 pub use oracle::OraclePolicy;
 pub use policy::{Controller, Goal, Moment, Policy};
+pub use solar_policy::SolarPolicy;

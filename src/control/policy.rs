@@ -45,6 +45,8 @@ pub enum Controller {
     Agent,
     /// iLQR, which plans in the learned model and acts on images.
     Ilqr,
+    /// SOLAR's time-varying linear policies, which act on the filtered latent state.
+    Solar,
     /// The task's own controller, which reads the true state: how far the best representation could lead.
     Oracle,
 }

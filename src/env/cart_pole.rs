@@ -78,6 +78,11 @@ fn ceiling(task: &Task, start: Start) -> Option<f64> {
 
 fn defaults(of: &DefaultsOf<'_>) -> Value {
     match (of.stage, of.preset) {
+        // The paper's standard deviations for SOLAR are forces, 10 for data and 5 for control.
+        ("generate_trajectories", _) if of.chosen("actions") == Some("gaussian") => {
+            json!({ "actions": { "gaussian": { "std": 10.0 / MAX_FORCE } } })
+        }
+        ("control_solar", _) => json!({ "initial_std": 5.0 / MAX_FORCE, "rollouts": 20 }),
         // The paper's share of samples from the preferred region.
         ("generate_data", _) if of.chosen("region") == Some("biased") => {
             json!({ "region": { "biased": { "preferred_share": 0.8 } } })
@@ -207,6 +212,9 @@ impl System for CartPole {
     }
 
     fn sample_start(&self, start: Start, rng: &mut Rng) -> Vec<f64> {
+        if start == Start::Fixed {
+            return vec![PI / 12.0, 0.0, 0.0, 0.0];
+        }
         let reach = if start == Start::Narrow { PI / 10.0 } else { PI / 6.0 };
         vec![within(rng, reach), 0.0, 0.0, 0.0]
     }

@@ -38,6 +38,8 @@ pub enum Start {
     Usual,
     /// At the start of the paper's text: pendulum and arm hang, the arm at π, 2π/3 and π/3. Other tasks start as usual.
     Paper,
+    /// Always at the same state: the point at (5, 5), the pendulum at 0.925π, the cart-pole at π/12.
+    Fixed,
     /// The cart-pole within ±π/10, where the pole is at its goal already. Other tasks start as usual.
     Narrow,
 }

@@ -49,6 +49,11 @@ fn defaults(of: &DefaultsOf<'_>) -> Value {
             "lambda": { "prediction": 2.0, "consistency": 11.0 },
             "objective": { "value_guided": { "temperature": 1.0 / 30.0 } },
         }),
+        // The paper's standard deviations for SOLAR, 1.5 pixels for data and for control.
+        ("generate_trajectories", _) if of.chosen("actions") == Some("gaussian") => {
+            json!({ "actions": { "gaussian": { "std": 1.5 / MAX_STEP } } })
+        }
+        ("control_solar", _) => json!({ "initial_std": 1.5 / MAX_STEP, "rollouts": 40 }),
         ("control_ilqr", Preset::Recipe) => json!({ "state_cost": 10.0, "action_cost": 1.0, "plan_length": 10 }),
         // PCC's r = 1 counts actions in units of the task. Ours are in units of the limit.
         ("control_ilqr", Preset::Paper) => {
@@ -144,7 +149,10 @@ impl System for Planar {
         Some(sample_below(rng, if is_preferred { LOW + 30.0 } else { HIGH }))
     }
 
-    fn sample_start(&self, _: Start, rng: &mut Rng) -> Vec<f64> {
+    fn sample_start(&self, start: Start, rng: &mut Rng) -> Vec<f64> {
+        if start == Start::Fixed {
+            return vec![5.0, 5.0];
+        }
         [(); 2].map(|()| f64::from(sampling::uniform(rng, 3.0, 7.0))).to_vec()
     }
 

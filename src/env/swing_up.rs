@@ -69,6 +69,11 @@ fn ceiling(task: &Task, start: Start) -> Option<f64> {
 
 fn defaults(of: &DefaultsOf<'_>) -> Value {
     match (of.stage, of.preset) {
+        // The paper's standard deviations for SOLAR are torques, 0.5 for data and for control.
+        ("generate_trajectories", _) if of.chosen("actions") == Some("gaussian") => {
+            json!({ "actions": { "gaussian": { "std": 0.5 / of.task.number("torque") } } })
+        }
+        ("control_solar", _) => json!({ "initial_std": 0.5 / of.task.number("torque"), "rollouts": 10 }),
         // The paper's share of samples from the preferred region.
         ("generate_data", _) if of.chosen("region") == Some("biased") => {
             json!({ "region": { "biased": { "preferred_share": 0.95 } } })
@@ -167,6 +172,7 @@ impl System for SwingUp {
     fn sample_start(&self, start: Start, rng: &mut Rng) -> Vec<f64> {
         match start {
             Start::Paper => vec![PI, 0.0],
+            Start::Fixed => vec![0.925 * PI, 0.0],
             Start::Usual | Start::Narrow => vec![0.925 * PI + within(rng, 0.025 * PI), 0.0],
         }
     }

@@ -76,6 +76,11 @@ fn ceiling(task: &Task, start: Start) -> Option<f64> {
 
 fn defaults(of: &DefaultsOf<'_>) -> Value {
     match (of.stage, of.preset) {
+        // The paper's standard deviations for SOLAR are torques, 1 for data and 0.5 for control.
+        ("generate_trajectories", _) if of.chosen("actions") == Some("gaussian") => {
+            json!({ "actions": { "gaussian": { "std": 1.0 / MAX_TORQUE[0] } } })
+        }
+        ("control_solar", _) => json!({ "initial_std": 0.5 / MAX_TORQUE[0], "rollouts": 10 }),
         // The paper's share of samples from the preferred region.
         ("generate_data", _) if of.chosen("region") == Some("biased") => {
             json!({ "region": { "biased": { "preferred_share": 0.2 } } })
@@ -293,7 +298,7 @@ impl System for ThreePole {
     fn sample_start(&self, start: Start, _: &mut Rng) -> Vec<f64> {
         match start {
             Start::Paper => self.state_of(MAX_ANGLE),
-            Start::Usual | Start::Narrow => self.state_of(START),
+            Start::Usual | Start::Narrow | Start::Fixed => self.state_of(START),
         }
     }
 

@@ -1,6 +1,7 @@
 //! The latent controllable embedding (LCE): encoder, dynamics, decoder and backward dynamics, and their training.
 
 mod anchor;
+pub mod auto_encoder;
 pub mod backend;
 mod backward;
 mod by_kind;

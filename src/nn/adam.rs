@@ -40,6 +40,19 @@ impl<T: Real> Adam<T> {
     /// finite after it; a second moment that overflows would hold its parameter still for ever.
     #[must_use = "training must stop once a parameter is not finite"]
     pub fn step(&mut self, threads: usize, settings: AdamSettings, parameters: &mut [T], gradient: &[T]) -> bool {
+        self.step_scaled(threads, settings, parameters, gradient, T::ONE)
+    }
+
+    /// Like [`Adam::step`], for `scale` times the gradient.
+    #[must_use = "training must stop once a parameter is not finite"]
+    pub fn step_scaled(
+        &mut self,
+        threads: usize,
+        settings: AdamSettings,
+        parameters: &mut [T],
+        gradient: &[T],
+        scale: T,
+    ) -> bool {
         self.steps += 1;
         let bias_1 = 1.0 - BETA_1.powi(self.steps.min(100_000) as i32);
         let bias_2 = 1.0 - BETA_2.powi(self.steps.min(100_000) as i32);
@@ -47,6 +60,7 @@ impl<T: Real> Adam<T> {
             step: T::of(settings.learning_rate / bias_1),
             unbias: T::of(1.0 / bias_2.sqrt()),
             decay: T::of(settings.weight_decay),
+            scale,
         };
         split(threads, rates, parameters, gradient, &mut self.m, &mut self.v)
     }
@@ -58,6 +72,8 @@ struct Rates<T> {
     step: T,
     unbias: T,
     decay: T,
+    /// Factor on the gradient.
+    scale: T,
 }
 
 /// Updates all parameters, in as many parts as there are threads. Returns whether all are finite.
@@ -87,7 +103,7 @@ fn update<T: Real>(rates: Rates<T>, p: &mut [T], g: &[T], m: &mut [T], v: &mut [
             // Within the closure: a flag outside of it would be written at every parameter, one after the other.
             let mut is_finite = true;
             for (((p, &g), m), v) in p.iter_mut().zip(g).zip(m).zip(v) {
-                let g = flush(rates.decay.fma(*p, g), least);
+                let g = flush(rates.decay.fma(*p, g * rates.scale), least);
                 *m = flush(b1.fma(*m, c1 * g), least);
                 *v = flush(b2.fma(*v, c2 * g * g), least_squared);
                 *p = flush(*p - rates.step * *m / (v.root() * rates.unbias + epsilon), least);

@@ -11,6 +11,12 @@ pub const TRAIN_GUIDANCE: &str = "/train/guidance";
 pub const TRAIN_SAC: &str = "/train/sac";
 /// Divergence between the old and the new actor, per step.
 pub const TRAIN_DISTILL: &str = "/train/distill";
+/// Terms of SOLAR's ELBO, per step.
+pub const TRAIN_SOLAR: &str = "/train/solar";
+/// What an iteration of SOLAR's controller did.
+pub const CONTROL_SOLAR: &str = "/control/solar";
+/// The smoothed latents of an iteration's rollouts, over their true positions.
+pub const LATENT_SMOOTHED: &str = "/latent/smoothed";
 /// The latents of known states.
 pub const LATENT_MAP: &str = "/latent/map";
 /// An observation while data are collected.

@@ -66,14 +66,20 @@ impl<'a> Lineage<'a> {
         found
     }
 
-    /// The number of transitions made upstream. Nodes with equal keys count once, since they were sampled once.
+    /// The number of transitions made upstream. Nodes with equal keys count once, since they were sampled once. Kinds that make
+    /// no transitions but sample the task report the metric `samples`.
     pub(super) fn samples(&self, upstream: &BTreeSet<usize>) -> u64 {
         let makes =
             |node: &NodeRecord| self.kinds.iter().any(|it| it.name == node.about.work.kind && it.gives(TRANSITIONS));
+        let of = |node: &NodeRecord| match node.outcome.metrics.get("samples") {
+            Some(&samples) => Some(samples as u64),
+            None => node.about.work.params["samples"].as_u64().filter(|_| makes(node)),
+        };
         let mut counted = BTreeSet::new();
-        let data = upstream.iter().map(|&id| &self.manifest.nodes[id]).filter(|node| makes(node));
-        data.filter(|node| node.outcome.key.is_none_or(|key| counted.insert(key)))
-            .filter_map(|node| node.about.work.params["samples"].as_u64())
+        let nodes = upstream.iter().map(|&id| &self.manifest.nodes[id]);
+        let data = nodes.filter_map(|node| Some((node, of(node)?)));
+        data.filter(|(node, _)| node.outcome.key.is_none_or(|key| counted.insert(key)))
+            .map(|(_, samples)| samples)
             .sum()
     }
 

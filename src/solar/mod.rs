@@ -6,23 +6,26 @@
 //! distribution.
 
 pub mod chain;
+pub mod controller;
 pub mod cost_fit;
 mod eigen;
 pub mod filter;
 pub mod gaussian;
-
+pub mod iteration;
 pub mod local_dynamics;
 pub mod lqr;
 pub mod mniw;
-
+pub mod model;
 pub mod objective;
 pub mod policy;
 mod small;
 mod special;
 mod square;
-
+pub mod trainer;
 pub mod trust_region;
 
+pub use controller::SolarController;
+pub use model::SolarModel;
 pub use policy::LinearGaussianPolicy;
 pub use small::{MOST, Small};
 

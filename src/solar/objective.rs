@@ -89,6 +89,11 @@ impl Inference {
         self.chain.smooth(Evidence { precision: &self.precision, linear: &self.linear }, actions)
     }
 
+    /// The mean standard deviation of the codes.
+    pub fn mean_std(&self) -> f64 {
+        self.precision.iter().map(|precision| 1.0 / precision.sqrt()).sum::<f64>() / self.precision.len() as f64
+    }
+
     /// Sets `d_codes` to the gradient of <d_z, sample> + kl_weight KL.
     pub fn backward<T: Real>(&mut self, codes: &[T], d_z: &[f64], kl_weight: f64, d_codes: &mut [T]) {
         let (count, d) = (self.precision.len(), self.d);

@@ -105,7 +105,8 @@ impl Stage for Collect {
         if follows < whole && !suspect.is_empty() {
             announce(suspect, cx);
         }
-        let controllers = Controllers { model: Some(&inputs.model.model), agent: Some(&inputs.agent), ilqr: None };
+        let controllers =
+            Controllers { model: Some(&inputs.model.model), agent: Some(&inputs.agent), ilqr: None, solar: None };
         let mut policy = controllers.policy(Controller::Agent, Acting::Sample, cx.task)?;
         while transitions.len() < total {
             let done = if let Some(episode) = unfinished.take() {

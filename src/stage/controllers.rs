@@ -4,9 +4,10 @@ use anyhow::Context as _;
 
 use super::fits;
 use crate::{
-    control::{Acting, Agent, AgentPolicy, Controller, Ilqr, IlqrPolicy, OraclePolicy, Policy},
+    control::{Acting, Agent, AgentPolicy, Controller, Ilqr, IlqrPolicy, OraclePolicy, Policy, SolarPolicy},
     env::Task,
     lce::LceModel,
+    solar::SolarController,
 };
 
 /// The inputs of a stage that policies are built from.
@@ -15,6 +16,7 @@ pub(super) struct Controllers<'a> {
     pub(super) model: Option<&'a LceModel>,
     pub(super) agent: Option<&'a Agent>,
     pub(super) ilqr: Option<&'a Ilqr>,
+    pub(super) solar: Option<&'a SolarController>,
 }
 
 /// The inputs that a controller cannot do without.
@@ -22,6 +24,7 @@ pub(super) fn needs(controller: Controller) -> &'static [&'static str] {
     match controller {
         Controller::Agent => &["model", "agent"],
         Controller::Ilqr => &["model", "ilqr"],
+        Controller::Solar => &["solar"],
         Controller::Oracle => &[],
     }
 }
@@ -44,6 +47,10 @@ impl<'a> Controllers<'a> {
             Controller::Ilqr => {
                 let (model, ilqr) = self.model.zip(self.ilqr).context("iLQR needs the inputs `model` and `ilqr`")?;
                 Box::new(IlqrPolicy::new(model, ilqr))
+            }
+            Controller::Solar => {
+                let SolarController { networks, plans } = self.solar.context("SOLAR needs the input `solar`")?;
+                Box::new(SolarPolicy::new(networks, plans, acting))
             }
             Controller::Oracle => Box::new(OraclePolicy::of(task)?),
         })

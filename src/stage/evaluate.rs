@@ -17,6 +17,7 @@ use crate::{
     env::{Simulator, Start, System},
     num::rng::Rng,
     record::{At, TrajectoryFrame, topic},
+    solar::SolarController,
 };
 
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -33,11 +34,55 @@ pub(super) struct Params {
     radius: f64,
     /// What happens after an action that left the image unchanged. The policy alone is measured, too.
     unstick: Unstick,
+    /// The goals of the episodes.
+    #[serde(skip_serializing_if = "Goals::is_all")]
+    goals: Goals,
+}
+
+/// The goals that an evaluation draws from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum Goals {
+    /// Every goal of the task equally often, in random order.
+    #[default]
+    All,
+    /// One goal.
+    Only(OneGoal),
+}
+
+/// One of the task's goals.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct OneGoal {
+    /// Its number.
+    goal: u64,
+}
+
+impl Goals {
+    #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde hands in a reference")]
+    fn is_all(&self) -> bool {
+        *self == Self::All
+    }
+
+    /// The goal of every episode, of those that the task has.
+    fn draw(self, episodes: usize, goals: usize, rng: &mut Rng) -> anyhow::Result<Vec<usize>> {
+        let drawn = episodes::draw_goals(episodes, goals, rng);
+        let Self::Only(OneGoal { goal }) = self else { return Ok(drawn) };
+        anyhow::ensure!(goal < goals as u64, "there is no goal {goal}: the task has {goals}");
+        Ok(vec![goal as usize; episodes])
+    }
 }
 
 impl Default for Params {
     fn default() -> Self {
-        Self { controller: Controller::Agent, episodes: 10, start: Start::Usual, radius: 5.0, unstick: Unstick::Random }
+        Self {
+            controller: Controller::Agent,
+            episodes: 10,
+            start: Start::Usual,
+            radius: 5.0,
+            unstick: Unstick::Random,
+            goals: Goals::All,
+        }
     }
 }
 
@@ -71,13 +116,15 @@ inputs! {
         agent: Option<Agent>,
         /// how to plan where the controller is iLQR
         ilqr: Option<Ilqr>,
+        /// the controller, where it is SOLAR's
+        solar: Option<SolarController>,
     }
 }
 
 impl Inputs {
     fn controllers(&self) -> Controllers<'_> {
         let model = self.model.as_ref().map(|trained| &trained.model);
-        Controllers { model, agent: self.agent.as_ref(), ilqr: self.ilqr.as_ref() }
+        Controllers { model, agent: self.agent.as_ref(), ilqr: self.ilqr.as_ref(), solar: self.solar.as_ref() }
     }
 }
 
@@ -106,8 +153,10 @@ impl Stage for Evaluate {
         scene.record_obstacles(cx);
         // Two equal streams: the policy alone starts where the policy with the rule starts.
         let [mut starts, mut starts_alone] = [(); 2].map(|()| cx.shared_rng("episodes"));
-        let [goals, _] =
-            [&mut starts, &mut starts_alone].map(|rng| episodes::draw_goals(params.episodes as usize, spec.goals, rng));
+        let drawn =
+            [&mut starts, &mut starts_alone].map(|rng| params.goals.draw(params.episodes as usize, spec.goals, rng));
+        let [goals, _] = drawn;
+        let goals = goals?;
         let (mut results, mut percent_goal_t) = (Vec::new(), 0.0);
         for (number, goal) in goals.into_iter().enumerate() {
             let path = trial.run(number, goal, params.unstick, &mut starts, cx)?;
@@ -124,7 +173,7 @@ impl Stage for Evaluate {
         }
         let mean = |of: fn(&EpisodeResult) -> f64| results.iter().map(of).sum::<f64>() / results.len() as f64;
         let (percent_goal, policy_alone) = (mean(|r| r.percent_goal), mean(|r| r.policy_alone));
-        let ceiling = cx.task.ceiling_of(params.start);
+        let ceiling = cx.task.ceiling_of(params.start).filter(|_| params.goals.is_all());
         record_percent_goal(percent_goal, policy_alone, ceiling, cx);
         Ok(Evaluation {
             controller: params.controller,

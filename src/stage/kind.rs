@@ -5,8 +5,8 @@ use serde_json::Value;
 
 use super::{
     InputFiles, Inputs as _, Memory, Params, Port, PresetOf, Refusal, Stage, StageCx, collect, control_ilqr,
-    distill_policy, divergence, evaluate, export_latent_map, generate_data, memory, network_sizes, summarize,
-    train_lce, train_sac,
+    control_solar, distill_policy, divergence, evaluate, export_latent_map, generate_data, generate_trajectories,
+    memory, network_sizes, summarize, train_lce, train_sac, train_solar,
 };
 use crate::{
     artifact::{Artifact as _, Files, must_be_finite},
@@ -119,11 +119,14 @@ pub fn registry_with(own: Vec<Kind>) -> &'static [Kind] {
 fn built_in() -> Vec<Kind> {
     vec![
         Kind::of::<generate_data::GenerateData>(),
+        Kind::of::<generate_trajectories::GenerateTrajectories>(),
         Kind::of::<collect::Collect>(),
         Kind::of::<train_lce::TrainLce>(),
         Kind::of::<distill_policy::DistillPolicy>(),
         Kind::of::<train_sac::TrainSac>(),
         Kind::of::<control_ilqr::ControlIlqr>(),
+        Kind::of::<train_solar::TrainSolar>(),
+        Kind::of::<control_solar::ControlSolar>(),
         Kind::of::<evaluate::Evaluate>(),
         Kind::of::<export_latent_map::ExportLatentMap>(),
         Kind::of::<summarize::Summarize>(),

@@ -4,6 +4,7 @@
 
 mod collect;
 mod control_ilqr;
+mod control_solar;
 mod controllers;
 mod cx;
 mod distill_policy;
@@ -12,6 +13,7 @@ mod evaluate;
 mod export_latent_map;
 mod fits;
 mod generate_data;
+mod generate_trajectories;
 mod inputs;
 mod kind;
 pub(crate) mod memory;
@@ -19,10 +21,12 @@ mod networks;
 mod params;
 mod probe;
 mod state;
+mod state_cost;
 mod summarize;
 mod symmetries;
 mod train_lce;
 mod train_sac;
+mod train_solar;
 
 use crate::artifact::Artifact;
 

@@ -65,7 +65,7 @@ pub fn write(map: &LatentMap, record: &mut Recorder, at: At) {
 }
 
 /// R² of the best affine map from codes to coordinates: 1 for a perfect fit, 0 where codes say nothing.
-fn affine_fit(codes: &[f32], latent: usize, coordinates: &[Vec<f32>]) -> f64 {
+pub(super) fn affine_fit(codes: &[f32], latent: usize, coordinates: &[Vec<f32>]) -> f64 {
     let count = coordinates.first().map_or(0, Vec::len);
     // Numbers of a code that all states share say nothing, such as speeds of states at rest.
     let varies = |&k: &usize| codes.iter().skip(k).step_by(latent).any(|&z| z != codes[k]);

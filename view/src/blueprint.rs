@@ -34,6 +34,10 @@ pub(crate) struct Layout {
     small: BTreeMap<String, Vec<String>>,
 }
 
+/// The topics whose curves have a plot of their own, with a second one for small values.
+const PLOTTED: [&str; 5] =
+    [topic::TRAIN_LCE, topic::TRAIN_SAC, topic::TRAIN_DISTILL, topic::TRAIN_SOLAR, topic::CONTROL_SOLAR];
+
 impl Layout {
     /// Learns from the first message of a topic which of its values are small; true if that changes the layout.
     pub(crate) fn learn_scales(&mut self, topic: &str, names: &[String], values: &[f64]) -> bool {
@@ -47,7 +51,7 @@ impl Layout {
             .filter(|&(_, &value)| value != 0.0 && size(value) * SMALL_FACTOR < largest)
             .map(|(name, _)| name.clone())
             .collect();
-        let splits = [topic::TRAIN_LCE, topic::TRAIN_SAC, topic::TRAIN_DISTILL].contains(&topic) && !small.is_empty();
+        let splits = PLOTTED.contains(&topic) && !small.is_empty();
         self.small.insert(topic.to_owned(), if splits { small } else { Vec::new() });
         splits
     }
@@ -87,7 +91,11 @@ impl Layout {
             picture("reconstruction", topic::PICTURE_RECONSTRUCTION),
             picture("prediction", topic::PICTURE_PREDICTION),
         ]);
-        let spaces = Horizontal::new([self.latent_map(), true_space()]);
+        let latents = Tabs::new([
+            self.latent_map("latent space", topic::LATENT_MAP),
+            self.latent_map("smoothed latents", topic::LATENT_SMOOTHED),
+        ]);
+        let spaces = Horizontal::new([latents.into(), true_space()]);
         let left = Vertical::new([spaces.into(), pictures.into()]).with_row_shares(vec![3.0, 2.0]);
         let rows = [
             plots.add("percent of time in goal", topic::PERCENT_GOAL, Vec::new(), Corner2D::RightBottom),
@@ -110,12 +118,12 @@ impl Layout {
             )
     }
 
-    fn latent_map(&self) -> ContainerLike {
-        let contents = all_but(topic::LATENT_MAP, ["quality"]);
+    fn latent_map(&self, title: &str, topic: &str) -> ContainerLike {
+        let contents = all_but(topic, ["quality"]);
         if self.is_3d {
-            Spatial3DView::new("latent space").with_origin(topic::LATENT_MAP).with_contents(contents).into()
+            Spatial3DView::new(title).with_origin(topic).with_contents(contents).into()
         } else {
-            Spatial2DView::new("latent space").with_origin(topic::LATENT_MAP).with_contents(contents).into()
+            Spatial2DView::new(title).with_origin(topic).with_contents(contents).into()
         }
     }
 
@@ -134,11 +142,13 @@ impl Layout {
     /// The log, with tabs behind it for the curves that have no plot elsewhere.
     fn log(&self, plots: &mut Plots) -> ContainerLike {
         let mut rest = vec!["+ /**".to_owned()];
-        let placed = [topic::PERCENT_GOAL, topic::TRAIN_LCE, topic::TRAIN_SAC, topic::TRAIN_DISTILL];
-        rest.extend(placed.iter().map(|topic| format!("- {topic}/**")));
+        let placed = PLOTTED.iter().chain(&[topic::PERCENT_GOAL]);
+        rest.extend(placed.map(|topic| format!("- {topic}/**")));
         Tabs::new([
             TextLogView::new("log").with_contents(["+ /**"]).into(),
             self.curves("distillation", topic::TRAIN_DISTILL, plots),
+            self.curves("SOLAR's model", topic::TRAIN_SOLAR, plots),
+            self.curves("SOLAR's control", topic::CONTROL_SOLAR, plots),
             plots.add("other curves", "/", rest, Corner2D::RightTop),
         ])
         .into()

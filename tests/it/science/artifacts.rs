@@ -12,13 +12,14 @@ use std::{
 use carl_pipe::{
     artifact::{
         Artifact, Codes, Collected, Evaluation, Files, LatentMap, MetricSummary, ResultSummary, TrainedModel,
-        Transitions,
+        Trajectories, Transitions,
     },
     control::{Agent, Ilqr, agent::Whitening},
     env::{Planar, System as _},
     lce::{BackwardSizes, ImageNetworks, LceModel, PassiveDynamics, Sizes},
     nn::adam::Adam,
     num::{rng::Rng, stats::Summary},
+    solar::{LinearGaussianPolicy, Small, SolarController, SolarModel, controller::Plan},
 };
 use proptest::prelude::*;
 use rand::SeedableRng as _;
@@ -28,12 +29,14 @@ use serde_json::{Value, json};
 #[derive(Clone, Copy)]
 struct Kind {
     name: &'static str,
+    /// Other types that can be read from the same files.
+    readable_as: &'static [&'static str],
     /// Loads and saves again.
     again: fn(&Files) -> anyhow::Result<Files>,
 }
 
 fn kind<A: Artifact>() -> Kind {
-    Kind { name: A::TYPE, again: |files| A::load(files)?.save() }
+    Kind { name: A::TYPE, readable_as: A::READABLE_AS, again: |files| A::load(files)?.save() }
 }
 
 fn transitions() -> Transitions {
@@ -114,8 +117,31 @@ fn summary() -> ResultSummary {
     }
 }
 
+fn trajectories() -> Trajectories {
+    let Transitions { picture, observations, actions, goals, .. } = transitions();
+    let mut made = Trajectories { picture, action_dim: 2, observations, actions, goals, ..Trajectories::default() };
+    made.costs = vec![0.5, -0.0, 1e30, f32::MIN_POSITIVE, 3.0];
+    made.end_episode(2);
+    made
+}
+
+fn solar_model() -> SolarModel {
+    SolarModel::new(model().model.sizes, vec![0; 6], 3, &mut Rng::seed_from_u64(5))
+}
+
+fn solar_controller() -> SolarController {
+    let model = solar_model();
+    let dynamics: Vec<_> = model.dynamics.iter().map(|n| n.mniw().unwrap().expected().unwrap()).collect();
+    let mut policy = LinearGaussianPolicy::random(4, 2, &[0.5]);
+    policy.steps[3].gain = Small::from_rows(1, 2, &[1.5, f64::MIN_POSITIVE]);
+    SolarController { networks: model.networks, plans: vec![Plan { policy, dynamics }; 3] }
+}
+
 fn all() -> Vec<(Kind, Files)> {
     vec![
+        (kind::<Trajectories>(), trajectories().save().expect("files")),
+        (kind::<SolarModel>(), solar_model().save().expect("files")),
+        (kind::<SolarController>(), solar_controller().save().expect("files")),
         (kind::<Transitions>(), transitions().save().expect("files")),
         (kind::<TrainedModel>(), model().save().expect("files")),
         (kind::<Agent>(), agent().save().expect("files")),
@@ -152,6 +178,9 @@ fn values_survive_the_disk() {
     survives(&ilqr());
     survives(&map());
     survives(&summary());
+    survives(&trajectories());
+    survives(&solar_model());
+    survives(&solar_controller());
 }
 
 #[test]
@@ -225,7 +254,8 @@ fn a_changed_byte_of_a_header_never_panics() {
 fn files_of_another_artifact_are_refused() {
     let all = all();
     for (kind, own) in &all {
-        for (other, foreign) in all.iter().filter(|(other, _)| other.name != kind.name) {
+        let is_foreign = |other: &Kind| other.name != kind.name && !other.readable_as.contains(&kind.name);
+        for (other, foreign) in all.iter().filter(|(other, _)| is_foreign(other)) {
             refused(*kind, foreign, other.name);
             // The same files under the names that this artifact has.
             let contents: Vec<_> = foreign.iter().map(|(_, content)| content.clone()).collect();

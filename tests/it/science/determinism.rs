@@ -217,6 +217,10 @@ fn renaming_a_stage_leaves_its_random_stream_as_it_was() {
         "evaluate_plan",
         "map",
         "summary",
+        "trajectories",
+        "represent_solar",
+        "plan_solar",
+        "evaluate_solar",
     ] {
         for (old, new) in [
             (format!("[stages.{name}]"), format!("[stages.other_{name}]")),

@@ -15,6 +15,7 @@ mod instruction_sets;
 mod map_checks;
 mod pinned_digests;
 mod resume;
+mod solar;
 mod stages_on_poles;
 mod states_stay_hidden;
 mod symmetries;

@@ -109,6 +109,17 @@ fn agent_and_distillation_resume() {
 }
 
 #[test]
+fn solar_resumes_between_passes_and_between_iterations() {
+    let data = stages::run("generate_trajectories", json!({ "samples": 120 }), &[]);
+    let inputs: &Inputs<'_> = &[("trajectories", &[&data])];
+    let given = json!({ "epochs": 3 });
+    assert_eq!(resumes_at_every_tick("train_solar", &given, inputs), 3);
+    let model = stages::run("train_solar", given, inputs);
+    let given = json!({ "iterations": 3, "rollouts": 3, "sweeps": 3 });
+    assert_eq!(resumes_at_every_tick("control_solar", &given, &[("model", &[&model])]), 3);
+}
+
+#[test]
 fn an_unreadable_state_is_reported_and_the_stage_starts_afresh() {
     let data = data();
     let given = json!({ "epochs": 1, "warm_up": { "epochs": 1 } });

@@ -127,6 +127,12 @@ pub struct Chain {
     pub map: Files,
     /// Of `evaluation`, twice.
     pub summary: Files,
+    /// Two episodes with costs.
+    pub trajectories: Files,
+    pub solar_model: Files,
+    pub solar_controller: Files,
+    /// SOLAR's controller towards one goal.
+    pub solar_evaluation: Files,
 }
 
 impl Chain {
@@ -160,6 +166,14 @@ impl Chain {
         let planned = run("evaluate", planned, &[("model", &[&next_model]), ("ilqr", &[&ilqr])]);
         let map = run("export_latent_map", json!({}), &[("model", &[&next_model])]);
         let summary = run("summarize", json!({}), &[("evaluations", &[&evaluation, &evaluation])]);
+        let costs = json!({ "samples": 80, "costs": { "true_state": {} } });
+        let trajectories = run("generate_trajectories", costs, &[]);
+        let solar_model = run("train_solar", json!({ "epochs": 2 }), &[("trajectories", &[&trajectories])]);
+        let few = json!({ "iterations": 2, "rollouts": 3, "sweeps": 3 });
+        let solar_controller = run("control_solar", few, &[("model", &[&solar_model])]);
+        let only =
+            json!({ "controller": "solar", "episodes": 2, "goals": { "only": { "goal": 1 } }, "start": "fixed" });
+        let solar_evaluation = run("evaluate", only, &[("solar", &[&solar_controller])]);
         Self {
             bootstrap,
             model,
@@ -175,11 +189,15 @@ impl Chain {
             planned,
             map,
             summary,
+            trajectories,
+            solar_model,
+            solar_controller,
+            solar_evaluation,
         }
     }
 
     /// Every artifact in the order of making: a name, the kind that made it, the names of its inputs, its files.
-    pub fn all(&self) -> [(&'static str, &'static str, &'static [&'static str], &Files); 14] {
+    pub fn all(&self) -> [(&'static str, &'static str, &'static [&'static str], &Files); 18] {
         [
             ("bootstrap", "generate_data", &[], &self.bootstrap),
             ("model", "train_lce", &["bootstrap"], &self.model),
@@ -200,6 +218,10 @@ impl Chain {
             ("planned", "evaluate", &["next_model", "ilqr"], &self.planned),
             ("map", "export_latent_map", &["next_model"], &self.map),
             ("summary", "summarize", &["evaluation"], &self.summary),
+            ("trajectories", "generate_trajectories", &[], &self.trajectories),
+            ("solar_model", "train_solar", &["trajectories"], &self.solar_model),
+            ("solar_controller", "control_solar", &["solar_model"], &self.solar_controller),
+            ("solar_evaluation", "evaluate", &["solar_controller"], &self.solar_evaluation),
         ]
     }
 }
