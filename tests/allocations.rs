@@ -14,7 +14,8 @@ use carl_pipe::{
         sac::{self, Codes, Learner, Sac, SacTrainer},
     },
     lce::{
-        Differences, LceModel, PassiveDynamics,
+        Differences, Ensemble, LceModel, PassiveDynamics,
+        ensemble::{Fit, Moves},
         trainer::{self, Data, Objective, Trainer},
         warm_up::WarmUp,
     },
@@ -157,12 +158,15 @@ fn a_training_step_of_the_agent_allocates_nothing() {
     let (model, data) = model_and_data(SAMPLES);
     let actions = [&data.actions[..], &data.actions].concat();
     let codes = Codes { data: model.encode(&data.images), actions, goals: vec![0.1, -0.2, 0.5, 0.5] };
+    let fit = Fit { members: 3, steps: 2, learning_rate: 1e-3 };
+    let moves = Moves { codes: &model.encode(&data.images), actions: &data.actions, copies: data.copies };
+    let ensemble = Ensemble::fit(&model.sizes, moves, fit, &mut Rng::seed_from_u64(6)).unwrap();
     // Full, and over, within the steps below.
     let settings = sac_settings(5 * sac::BATCH + 11);
     for settings in [settings.clone(), Sac { buffer: 1_000_000, ..settings }] {
         let agent = Agent::new(2, 2, None, 0.0, &mut Rng::seed_from_u64(4));
         let learner = Learner::new(agent, settings.buffer, Rng::seed_from_u64(5));
-        let mut trainer = SacTrainer::new(learner, &model, &codes, settings);
+        let mut trainer = SacTrainer::new(learner, &model, &codes, settings).with_ensemble(&ensemble);
         trainer.step(1, 1.0);
         for step in 0..7 {
             assert_eq!(asked(|| _ = trainer.step(1, 1.0)), NOTHING, "step {step}");

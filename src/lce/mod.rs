@@ -10,6 +10,7 @@ mod decoder;
 pub mod dynamics;
 pub mod e2c;
 mod encoder;
+pub mod ensemble;
 mod gaussian_pair;
 pub mod map_checks;
 pub mod model;
@@ -28,6 +29,7 @@ pub mod trainer;
 mod transition_batch;
 pub mod warm_up;
 
+pub use ensemble::Ensemble;
 pub use model::LceModel;
 pub use passive_dynamics::PassiveDynamics;
 pub use prepared_encoder::PreparedEncoder;

@@ -32,17 +32,32 @@ pub fn refit(
     learning_rate: f64,
     rng: &mut Rng,
 ) -> Result<(), u64> {
-    let (n, a) = (model.sizes.latent, model.sizes.action);
-    let net = model.nets.dynamics;
+    let count = actions.len() / model.sizes.action;
+    let draw = |rng: &mut Rng| sampling::index(rng, count);
+    fit(&model.nets.dynamics, &mut model.arena, (codes, actions), count, (steps, learning_rate), draw, rng)
+}
+
+/// Fits `net`, which stands for F and has its parameters in `arena`, to `count` transitions as [`refit`] does. `draw` draws
+/// the transitions of a batch.
+pub(super) fn fit(
+    net: &Dynamics,
+    arena: &mut [f32],
+    (codes, actions): (&[f32], &[f32]),
+    count: usize,
+    (steps, learning_rate): (u64, f64),
+    draw: impl Fn(&mut Rng) -> usize,
+    rng: &mut Rng,
+) -> Result<(), u64> {
+    let (n, a) = (codes.len() / (4 * count), actions.len() / count);
     let parameters = net.parameters();
     let mut adam = Adam::new(parameters.len());
-    let mut gradient = vec![0.0; model.nets.layout.len];
-    let mut pass = DynamicsPass::new(&net, BATCH, 1);
+    let mut gradient = vec![0.0; arena.len()];
+    let mut pass = DynamicsPass::new(net, BATCH, 1);
     let (mut z_u, mut moves) = (vec![0.0; BATCH * (n + a)], vec![0.0; BATCH * n]);
     let mut d_moves = vec![0.0; n];
     for step in 0..steps {
         for (z_u, moves) in z_u.chunks_exact_mut(n + a).zip(moves.chunks_exact_mut(n)) {
-            let which = sampling::index(rng, actions.len() / a);
+            let which = draw(rng);
             let (now, next) = codes[4 * n * which..][..4 * n].split_at(2 * n);
             z_u[..n].copy_from_slice(&now[..n]);
             z_u[n..].copy_from_slice(&actions[which * a..][..a]);
@@ -51,11 +66,11 @@ pub fn refit(
             }
         }
         let mut pass = pass.view(BATCH);
-        density_gradient(&net, &model.arena, (&z_u, &moves), &mut d_moves, &mut pass);
+        density_gradient(net, arena, (&z_u, &moves), &mut d_moves, &mut pass);
         net.gradient(&mut gradient, Accumulate::Replace, &z_u, &pass);
         let learning_rate_scale = 1.0 - step as f64 / steps as f64;
         let settings = AdamSettings { learning_rate: learning_rate * learning_rate_scale, weight_decay: 0.0 };
-        if !adam.step(1, settings, &mut model.arena[parameters.clone()], &gradient[parameters.clone()]) {
+        if !adam.step(1, settings, &mut arena[parameters.clone()], &gradient[parameters.clone()]) {
             return Err(step);
         }
     }

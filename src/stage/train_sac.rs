@@ -1,10 +1,13 @@
 //! Model-based soft actor-critic in the latent space (paper, "learning a latent space policy").
 
+mod members;
 mod state;
 
 use anyhow::{Context as _, ensure};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use members::Members;
 
 use super::{
     MOST_COPIES, MOST_STEPS, Memory, Preset, PresetOf, Refusal, Stage, StageCx, StepScale, Symmetries, above_zero,
@@ -49,6 +52,8 @@ pub(super) struct Params {
     initial_temperature: f64,
     /// The reward of a step.
     reward: Reward,
+    /// Networks F that latent rollouts follow in place of the model's F.
+    ensemble: Members,
     /// Factor on the speeds of a code in the reward's distance. The distance is rescaled to the same mean square. Needs
     /// codes that hold scaled differences of frames.
     speed_weight: f64,
@@ -85,6 +90,7 @@ impl Default for Params {
             temperature: Temperature::Tuned(Tuning::default()),
             initial_temperature: 1.0,
             reward: Reward::Distance,
+            ensemble: Members::default(),
             speed_weight: 1.0,
             antifriction: 0.0,
             relabel: 0.5,
@@ -102,6 +108,7 @@ impl super::Params for Params {
         StepScale::Grows("critic_learning_rate"),
         StepScale::Grows("actor_learning_rate"),
         StepScale::Grows("temperature.tuned.learning_rate"),
+        StepScale::Grows("ensemble.learning_rate"),
         StepScale::Grows("initial_temperature"),
     ];
 
@@ -125,6 +132,7 @@ impl super::Params for Params {
         count(&mut refusals, "steps", self.steps, 1..=MOST_STEPS);
         count(&mut refusals, "rollout", self.rollout, 0..=1000);
         count(&mut refusals, "buffer", self.buffer, 1..=MOST_STEPS);
+        self.ensemble.check(&mut refusals);
         count(&mut refusals, "symmetric_copies", self.symmetric_copies, 1..=MOST_COPIES);
         for (path, share) in [
             ("discount", self.discount),
@@ -194,7 +202,12 @@ impl Stage for TrainSac {
         })?;
         let reserved = learner.buffer.reserve(params.tuples() as usize);
         reserved.with_context(|| format!("no memory for {} tuples: lower `buffer`", params.tuples()))?;
+        let copies = cx.symmetric_copies(&transitions, &params.symmetries, params.symmetric_copies);
+        let ensemble = params.ensemble.fit(model, copies, &mut cx.rng("ensemble"))?;
         let mut trainer = SacTrainer::new(learner, model, &codes, params.sac());
+        if let Some(ensemble) = &ensemble {
+            trainer = trainer.with_ensemble(ensemble);
+        }
         while trainer.learner.steps < params.steps {
             let step = trainer.learner.steps;
             let done = step as f64 / params.steps as f64;

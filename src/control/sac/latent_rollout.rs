@@ -6,6 +6,7 @@
 use super::{
     latent_box::LatentBox,
     replay::Tuple,
+    rollout_dynamics::RolloutDynamics,
     settings::{BATCH, Sac},
     speeds::Antifriction,
 };
@@ -16,7 +17,7 @@ use crate::{
         model::LceModel,
     },
     nn::{
-        columns::{Block, BlockMut, cut_together, over_samples},
+        columns::{Block, BlockMut, Cut as _, cut_together, over_samples},
         mlp::{Pass, PassMut},
     },
     num::{Real as _, simd::vectorize},
@@ -81,7 +82,7 @@ impl RolloutBuffers {
 /// What all samples of a latent rollout share.
 pub(super) struct LatentRollout<'a> {
     pub(super) agent: &'a Agent,
-    pub(super) model: &'a LceModel,
+    pub(super) dynamics: &'a RolloutDynamics<'a>,
     pub(super) settings: &'a Sac,
     /// The box that codes stay within.
     pub(super) bounds: &'a LatentBox,
@@ -101,12 +102,17 @@ impl<'a> LatentRollout<'a> {
         for (i, z) in buffers.z.data.chunks_exact_mut(n).enumerate() {
             z.copy_from_slice(self.tuple(i).z_next);
         }
-        over_samples(threads, 0, BATCH, buffers.view(), &|first, samples, columns| {
-            self.run_samples(first, samples, columns);
-        });
+        let mut rest = buffers.view();
+        for (member, share) in self.dynamics.shares(BATCH).enumerate() {
+            let (columns, others) = rest.cut(share.len());
+            over_samples(threads, share.start, share.len(), columns, &|first, samples, columns| {
+                self.run_samples(member, first, samples, columns);
+            });
+            rest = others;
+        }
     }
 
-    fn run_samples(&self, first: usize, samples: usize, mut c: RolloutColumns<'_, f32>) {
+    fn run_samples(&self, member: usize, first: usize, samples: usize, mut c: RolloutColumns<'_, f32>) {
         vectorize(
             #[inline(always)]
             || {
@@ -118,7 +124,7 @@ impl<'a> LatentRollout<'a> {
                 for step in 0..self.settings.rollout {
                     discount *= self.settings.discount as f32;
                     self.choose_actions(step, discount, first, samples, &mut c);
-                    self.follow_dynamics(step, discount, first, samples, &mut c);
+                    self.follow_dynamics(member, (step, discount), first, samples, &mut c);
                 }
                 if self.settings.bootstrap {
                     discount *= self.settings.discount as f32;
@@ -180,14 +186,14 @@ impl<'a> LatentRollout<'a> {
     #[inline(always)]
     fn follow_dynamics(
         &self,
-        step: usize,
-        discount: f32,
+        member: usize,
+        (step, discount): (usize, f32),
         first: usize,
         samples: usize,
         c: &mut RolloutColumns<'_, f32>,
     ) {
         let n = self.agent.latent;
-        self.model.nets.dynamics.forward(&self.model.arena, c.z_u.data, &mut c.dynamics);
+        self.dynamics.net.forward(self.dynamics.members[member], c.z_u.data, &mut c.dynamics);
         let (gaussians, _) = c.dynamics.output_and_delta();
         for (i, gaussian) in gaussians.chunks_exact_mut(2 * n).enumerate().take(samples) {
             let (_, epsilon) = self.noise(step, first + i);

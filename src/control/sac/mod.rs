@@ -8,6 +8,7 @@ mod learner;
 mod new_tuples;
 mod replay;
 mod reward;
+mod rollout_dynamics;
 mod settings;
 mod speeds;
 mod trainer;

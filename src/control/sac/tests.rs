@@ -3,8 +3,13 @@ use rand::SeedableRng as _;
 use super::{replay::Tuple, *};
 use crate::{
     control::agent::{Agent, Whitening},
-    lce::{BackwardSizes, Differences, ImageNetworks, LceModel, PassiveDynamics, SharedFrames, Sizes, nets::Nets},
-    nn::{binary_images::PooledPatches, mlp::Pass},
+    lce::{
+        BackwardSizes, Differences, Ensemble, ImageNetworks, LceModel, PassiveDynamics, SharedFrames, Sizes, nets::Nets,
+    },
+    nn::{
+        binary_images::PooledPatches,
+        mlp::{Layout, Pass},
+    },
     num::{rng::Rng, sampling},
 };
 
@@ -375,4 +380,42 @@ fn every_instruction_set_trains_to_the_same_bits() {
         let bits = |x: &[f32]| x.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
         (bits(&trainer.learner.agent.actor.arena), bits(&trainer.learner.agent.critics[0].arena))
     });
+}
+
+/// An ensemble whose members all are the model's F.
+fn copies_of_f(model: &LceModel, count: usize) -> Ensemble {
+    let f = model.nets.dynamics;
+    let parameters = model.arena[f.parameters()].to_vec();
+    Ensemble { net: f.alone(), members: vec![parameters; count] }
+}
+
+#[test]
+fn an_ensemble_of_copies_of_f_trains_the_agent_that_f_trains() {
+    let (model, codes) = (known_model(), codes());
+    let ensemble = copies_of_f(&model, 5);
+    let [mut by_f, mut by_ensemble] =
+        [(); 2].map(|()| SacTrainer::new(learner(&settings(), 4), &model, &codes, settings()));
+    by_ensemble = by_ensemble.with_ensemble(&ensemble);
+    for _ in 0..3 {
+        assert_eq!(by_f.step(1, 1.0), by_ensemble.step(2, 1.0));
+    }
+    assert_eq!(by_f.learner.agent, by_ensemble.learner.agent);
+}
+
+#[test]
+fn each_member_of_an_ensemble_moves_the_targets_of_its_share_only() {
+    let (model, codes) = (known_model(), codes());
+    let same = copies_of_f(&model, 4);
+    let mut other = same.clone();
+    other.members[2].fill(0.0);
+    let targets = |ensemble: &Ensemble| {
+        let mut trainer = at_rest(&model, &codes, settings()).with_ensemble(ensemble);
+        trainer.compute_targets(1);
+        trainer.scratch.rollout.target.data.clone()
+    };
+    let (before, after) = (targets(&same), targets(&other));
+    let quarter = BATCH / 4;
+    for (sample, (before, after)) in before.iter().zip(&after).enumerate() {
+        assert_eq!(before != after, sample / quarter == 2, "sample {sample}");
+    }
 }

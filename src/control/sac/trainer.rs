@@ -5,12 +5,13 @@ use super::{
     latent_rollout::{LatentRollout, RolloutBuffers},
     learner::Learner,
     replay::Tuple,
+    rollout_dynamics::RolloutDynamics,
     settings::{BATCH, Sac, Temperature, Tuning},
     speeds::{Antifriction, distance_factors},
 };
 use crate::{
     control::agent::Agent,
-    lce::{dynamics::DynamicsPass, model::LceModel},
+    lce::{Ensemble, LceModel, dynamics::DynamicsPass},
     nn::{adam::AdamSettings, columns::Block, mlp::Pass},
     num::{sampling, simd::vectorize},
 };
@@ -50,6 +51,7 @@ pub struct SacTrainer<'a> {
     /// What training changes.
     pub learner: Learner,
     pub(super) model: &'a LceModel,
+    pub(super) dynamics: RolloutDynamics<'a>,
     pub(super) codes: &'a Codes,
     pub(super) settings: Sac,
     pub(super) bounds: LatentBox,
@@ -116,7 +118,26 @@ impl<'a> SacTrainer<'a> {
         let scratch = Scratch::new(&learner.agent, model, settings.rollout);
         let distance_factors = distance_factors(model, settings.speed_weight, &codes.data, &codes.goals);
         let antifriction = Antifriction::new(model, settings.antifriction, BATCH);
-        Self { learner, model, codes, settings, bounds, distance_factors, antifriction, scratch, is_finite: true }
+        let dynamics = RolloutDynamics::of_model(model);
+        Self {
+            learner,
+            model,
+            dynamics,
+            codes,
+            settings,
+            bounds,
+            distance_factors,
+            antifriction,
+            scratch,
+            is_finite: true,
+        }
+    }
+
+    /// Lets latent rollouts follow the members of an ensemble instead of the model's F, each member for an equal share of
+    /// a batch. The step before a rollout, from z to z', follows the model's F.
+    #[must_use]
+    pub fn with_ensemble(self, ensemble: &'a Ensemble) -> Self {
+        Self { dynamics: RolloutDynamics::of_ensemble(ensemble), ..self }
     }
 
     /// Whether the last update left finite parameters and moments of critics, actor and temperature.
@@ -149,11 +170,11 @@ impl<'a> SacTrainer<'a> {
     }
 
     /// Fills in the critics' targets of the batch.
-    fn compute_targets(&mut self, threads: usize) {
+    pub(super) fn compute_targets(&mut self, threads: usize) {
         let Scratch { tuples, rollout_noise, rollout, .. } = &mut self.scratch;
         let latent_rollout = LatentRollout {
             agent: &self.learner.agent,
-            model: self.model,
+            dynamics: &self.dynamics,
             settings: &self.settings,
             bounds: &self.bounds,
             distance_factors: &self.distance_factors,
