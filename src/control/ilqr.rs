@@ -35,6 +35,9 @@ pub struct Ilqr {
     pub bang_bang_plans: u64,
     /// Attempts to improve every plan at every step of an episode.
     pub iterations: u64,
+    /// Whether plans keep actions within their limits. Without it, a plan may count on actions that the task cuts, and on
+    /// what F says of actions that no data show.
+    pub within_limits: bool,
 }
 
 impl Default for Ilqr {
@@ -46,6 +49,7 @@ impl Default for Ilqr {
             uniform_plans: 3,
             bang_bang_plans: 3,
             iterations: 4,
+            within_limits: false,
         }
     }
 }
@@ -92,8 +96,8 @@ impl<'a, D: Dynamics> Planner<'a, D> {
         Self { settings, dynamics, z_goal, rng, applied: None }
     }
 
-    /// The action at `z`, where `left` actions remain, this one included. Plans know no limits of actions, so the action
-    /// may exceed them.
+    /// The action at `z`, where `left` actions remain, this one included. It may exceed the limits, unless plans keep within
+    /// them.
     pub fn act(&mut self, z: &[f64], left: usize) -> Vec<f64> {
         let steps = left.min(self.settings.plan_length as usize);
         let mut best: Option<(usize, Plan)> = None;
@@ -205,9 +209,11 @@ impl<'a, D: Dynamics> Planner<'a, D> {
         Some(gains)
     }
 
-    /// The line search: the plan after the longest step along the gains that lowers the cost.
+    /// The line search: the plan after the longest step along the gains that lowers the cost. Actions beyond their limits
+    /// are cut before the plan goes on, so that later actions answer to what the task would do.
     fn search(&mut self, plan: &Plan, gains: &[Gains]) -> Option<Plan> {
         let (n, a) = (self.dynamics.latent(), self.dynamics.action());
+        let limit = if self.settings.within_limits { 1.0 } else { f64::INFINITY };
         let mut alpha = 1.0;
         for _ in 0..LINE_SEARCH {
             let follow = |t: usize, z: &[f64], u: &mut [f64]| {
@@ -216,7 +222,8 @@ impl<'a, D: Dynamics> Planner<'a, D> {
                 let change =
                     feedback.times(&Matrix::column(z.iter().zip(before).map(|(new, old)| new - old).collect()));
                 for (i, u) in u.iter_mut().enumerate() {
-                    *u = plan.u[t * a + i] + alpha * feed_forward.of(i, 0) + change.of(i, 0);
+                    let improved = plan.u[t * a + i] + alpha * feed_forward.of(i, 0) + change.of(i, 0);
+                    *u = improved.clamp(-limit, limit);
                 }
             };
             let candidate = self.follow(&plan.z[..n], plan.u.len(), follow);

@@ -128,6 +128,27 @@ fn more_iterations_never_cost_more() {
     assert!(before < 55.0, "{before}");
 }
 
+/// The position moves by the velocity, and an action of 1 changes the velocity by 0.1.
+fn cart() -> Affine {
+    let a = Matrix::new(2, vec![1.0, 0.5, 0.0, 1.0]);
+    Affine { a, b: Matrix::new(1, vec![0.0, 0.1]), c: vec![0.0; 2], action: 1 }
+}
+
+#[test]
+fn a_plan_within_limits_costs_less_than_one_whose_actions_are_cut_afterwards() {
+    let plan = |within_limits| {
+        let settings = Ilqr { iterations: 30, within_limits, ..Ilqr::default() };
+        let mut planner = Planner::new(&settings, cart(), vec![0.0; 2], rng());
+        let u = planner.improve(&[2.0, 0.0], &[0.0; 20]).u;
+        let cut: Vec<f64> = u.iter().map(|u| u.clamp(-1.0, 1.0)).collect();
+        let cost = planner.follow(&[2.0, 0.0], 20, |t, _, u| u[0] = cut[t]).cost;
+        (u.iter().fold(0.0_f64, |most, u| most.max(u.abs())), cost)
+    };
+    let ((most, cost), (most_free, cost_cut)) = (plan(true), plan(false));
+    assert!(most <= 1.0 && most_free > 2.0, "{most} and {most_free}");
+    assert!(cost < 0.99 * cost_cut, "{cost} and {cost_cut}");
+}
+
 #[test]
 fn the_chosen_plan_is_shifted_and_the_others_are_drawn_again() {
     let settings = Ilqr::default();
