@@ -6,10 +6,7 @@ use crate::{
     lce::{
         BackwardSizes, Differences, Ensemble, ImageNetworks, LceModel, PassiveDynamics, SharedFrames, Sizes, nets::Nets,
     },
-    nn::{
-        binary_images::PooledPatches,
-        mlp::{Layout, Pass},
-    },
+    nn::{binary_images::PooledPatches, mlp::Pass},
     num::{rng::Rng, sampling},
 };
 
