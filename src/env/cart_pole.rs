@@ -99,7 +99,10 @@ fn defaults(of: &DefaultsOf<'_>) -> Value {
             "symmetries": symmetries(),
             "symmetric_copies": 8,
         }),
-        ("control_ilqr", Preset::Recipe) => json!({ "state_cost": 100.0, "action_cost": 1.0, "plan_length": 5 }),
+        // A leaning pole asks for the whole force at once. Plans without limits count on a greater force.
+        ("control_ilqr", Preset::Recipe) => {
+            json!({ "state_cost": 100.0, "action_cost": 1.0, "plan_length": 5, "within_limits": true })
+        }
         // PCC's r = 1 counts actions in units of the task. Ours are in units of the limit.
         ("control_ilqr", Preset::Paper) => {
             json!({ "state_cost": 100.0, "action_cost": MAX_FORCE * MAX_FORCE, "plan_length": 5 })
