@@ -35,7 +35,8 @@ pub(super) struct ControlIlqr;
 
 impl Stage for ControlIlqr {
     const KIND: &'static str = "control_ilqr";
-    const VERSION: u32 = 1;
+    /// 2: the settings say whether plans keep within limits.
+    const VERSION: u32 = 2;
     const ABOUT: &'static str = "iLQR, the controller of PCC: it plans in a model and learns nothing";
     type Params = Ilqr;
     type Inputs = Inputs;
