@@ -107,7 +107,8 @@ pub fn field(outcome: &Outcome, name: &str) -> String {
 fn named(series: Vec<Series>, rows: &str, cols: &str) -> Vec<Named> {
     let other_labels = |it: &Series| {
         let labels = it.first().member.labels.iter();
-        let others = labels.filter(|(name, _)| !["algorithm", "paper", rows, cols].contains(&name.as_str()));
+        let others =
+            labels.filter(|(name, _)| !["algorithm", "paper", "additions", rows, cols].contains(&name.as_str()));
         others.map(|(_, value)| value.as_str()).collect::<Vec<_>>().join(" ")
     };
     let parts: [&dyn Fn(&Series) -> String; 8] = [

@@ -114,6 +114,24 @@ fn a_table_has_every_statistic_in_every_format() {
 }
 
 #[test]
+fn labels_tell_columns_apart_but_not_what_a_method_has_beyond_the_paper() {
+    let toy = toys();
+    let labels = |start: &str, additions: &str| {
+        format!("labels = {{ algorithm = \"carl\", start_data = \"{start}\", additions = \"{additions}\" }}\n")
+    };
+    let member = |name: &str, plus: usize, labels: String| {
+        format!("[suite.{name}]\npipeline = \"toy.toml\"\nset = {{ evaluate.plus = {plus} }}\n{labels}")
+    };
+    let [one, two] =
+        [("uniform", "a longer view"), ("biased", "other networks")].map(|(start, more)| labels(start, more));
+    let suite = ["schema = 1\nname = \"starts\"\n".to_owned(), member("one", 1, one), member("two", 2, two)].concat();
+    fs::write(toy.path("starts.toml"), suite).unwrap();
+    let ended = toy.run("run starts.toml -q");
+    assert!(ended.out.contains("carl, uniform") && ended.out.contains("carl, biased"), "{ended:?}");
+    assert!(!ended.out.contains("a longer view"), "{ended:?}");
+}
+
+#[test]
 fn several_runs_are_pooled_and_no_seed_counts_twice() {
     let toy = toys();
     toy.run("run toy.toml --sweep seed=0,1");
