@@ -127,6 +127,13 @@ impl<'a> TensorFile<'a> {
         Ok(self.info(name)?.shape.clone())
     }
 
+    /// The shape of a tensor of so many dimensions.
+    pub fn shape_of(&self, name: &str, dimensions: usize) -> anyhow::Result<Vec<usize>> {
+        let shape = self.shape(name)?;
+        ensure!(shape.len() == dimensions, "tensor `{name}` has shape {shape:?}");
+        Ok(shape)
+    }
+
     /// The type of a tensor's numbers.
     pub fn dtype(&self, name: &str) -> anyhow::Result<Dtype> {
         Ok(self.info(name)?.dtype)

@@ -115,11 +115,7 @@ impl Artifact for Transitions {
 
     fn load(files: &Files) -> anyhow::Result<Self> {
         let tensors = TensorFile::open(files, FILE)?;
-        let shape = |name: &str, is: usize| {
-            let shape = tensors.shape(name)?;
-            ensure!(shape.len() == is, "tensor `{name}` has shape {shape:?}");
-            Ok(shape)
-        };
+        let shape = |name, dimensions| tensors.shape_of(name, dimensions);
         let (observations, actions, goals) = (shape("observations", 3)?, shape("actions", 2)?, shape("goals", 3)?);
         let (count, picture) = (observations[0], &observations[1..]);
         let pixels = picture[0].checked_mul(picture[1]).unwrap_or_default();

@@ -101,6 +101,20 @@ impl<T> Default for Cpu<T> {
     }
 }
 
+impl<T: Real> Cpu<T> {
+    /// The buffers of one loss: those that are kept if they are `enough`, or `new` ones. The buffers of all other losses go.
+    fn only<W>(
+        &mut self,
+        buffers: fn(&mut Self) -> &mut Option<W>,
+        enough: impl FnOnce(&W) -> bool,
+        new: impl FnOnce() -> W,
+    ) -> &mut W {
+        let kept = buffers(self).take().filter(enough);
+        *self = Self::default();
+        buffers(self).insert(kept.unwrap_or_else(new))
+    }
+}
+
 impl<T: Real> TrainingBackend<T> for Cpu<T> {
     fn platform(&self) -> &'static str {
         Cpu::PLATFORM
@@ -113,9 +127,7 @@ impl<T: Real> TrainingBackend<T> for Cpu<T> {
         weights: &Weights,
         batch: &Batch<'_, T>,
     ) -> TermsAndGradient<'_, Terms, T> {
-        let kept = self.loss.take();
-        *self = Self::default();
-        let workspace = self.loss.insert(kept.unwrap_or_else(|| Workspace::new(model, BATCH)));
+        let workspace = self.only(|cpu| &mut cpu.loss, |_| true, || Workspace::new(model, BATCH));
         let terms = workspace.step(threads, model, weights, batch);
         TermsAndGradient { terms, gradient: workspace.gradient() }
     }
@@ -127,9 +139,7 @@ impl<T: Real> TrainingBackend<T> for Cpu<T> {
         settings: &WarmUp,
         batch: &WarmUpBatch<'_, T>,
     ) -> TermsAndGradient<'_, WarmUpTerms, T> {
-        let kept = self.warm_up.take();
-        *self = Self::default();
-        let workspace = self.warm_up.insert(kept.unwrap_or_else(|| WarmUpWorkspace::new(model, BATCH)));
+        let workspace = self.only(|cpu| &mut cpu.warm_up, |_| true, || WarmUpWorkspace::new(model, BATCH));
         let terms = workspace.step(threads, model, settings, batch);
         TermsAndGradient { terms, gradient: workspace.gradient() }
     }
@@ -142,9 +152,8 @@ impl<T: Real> TrainingBackend<T> for Cpu<T> {
         batch: &TransitionBatch<'_, T>,
     ) -> TermsAndGradient<'_, Pc3Terms, T> {
         let samples = batch.pairs.len() / 2;
-        let kept = self.pc3.take().filter(|kept| kept.capacity() >= samples);
-        *self = Self::default();
-        let workspace = self.pc3.insert(kept.unwrap_or_else(|| Pc3Workspace::new(model, samples)));
+        let enough = |kept: &Pc3Workspace<T>| kept.capacity() >= samples;
+        let workspace = self.only(|cpu| &mut cpu.pc3, enough, || Pc3Workspace::new(model, samples));
         let terms = workspace.step(threads, model, loss, batch);
         TermsAndGradient { terms, gradient: workspace.gradient() }
     }
@@ -156,9 +165,7 @@ impl<T: Real> TrainingBackend<T> for Cpu<T> {
         loss: &E2cLoss,
         batch: &TransitionBatch<'_, T>,
     ) -> TermsAndGradient<'_, E2cTerms, T> {
-        let kept = self.e2c.take();
-        *self = Self::default();
-        let workspace = self.e2c.insert(kept.unwrap_or_else(|| E2cWorkspace::new(model, BATCH)));
+        let workspace = self.only(|cpu| &mut cpu.e2c, |_| true, || E2cWorkspace::new(model, BATCH));
         let terms = workspace.step(threads, model, loss, batch);
         TermsAndGradient { terms, gradient: workspace.gradient() }
     }
@@ -170,9 +177,7 @@ impl<T: Real> TrainingBackend<T> for Cpu<T> {
         loss: &RceLoss,
         batch: &TransitionBatch<'_, T>,
     ) -> TermsAndGradient<'_, RceTerms, T> {
-        let kept = self.rce.take();
-        *self = Self::default();
-        let workspace = self.rce.insert(kept.unwrap_or_else(|| RceWorkspace::new(model, BATCH)));
+        let workspace = self.only(|cpu| &mut cpu.rce, |_| true, || RceWorkspace::new(model, BATCH));
         let terms = workspace.step(threads, model, loss, batch);
         TermsAndGradient { terms, gradient: workspace.gradient() }
     }

@@ -7,6 +7,7 @@ use super::{
     Preset, PresetOf, Refusal, Stage, StageCx, above_zero,
     controllers::{self, Controllers},
     count, inputs,
+    one_goal::OneGoal,
 };
 use crate::{
     artifact::{EpisodeResult, Evaluation, TrainedModel},
@@ -50,14 +51,6 @@ pub(super) enum Goals {
     Only(OneGoal),
 }
 
-/// One of the task's goals.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct OneGoal {
-    /// Its number.
-    goal: u64,
-}
-
 impl Goals {
     #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde hands in a reference")]
     fn is_all(&self) -> bool {
@@ -67,9 +60,8 @@ impl Goals {
     /// The goal of every episode, of those that the task has.
     fn draw(self, episodes: usize, goals: usize, rng: &mut Rng) -> anyhow::Result<Vec<usize>> {
         let drawn = episodes::draw_goals(episodes, goals, rng);
-        let Self::Only(OneGoal { goal }) = self else { return Ok(drawn) };
-        anyhow::ensure!(goal < goals as u64, "there is no goal {goal}: the task has {goals}");
-        Ok(vec![goal as usize; episodes])
+        let Self::Only(goal) = self else { return Ok(drawn) };
+        Ok(vec![goal.number(goals)?; episodes])
     }
 }
 

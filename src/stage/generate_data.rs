@@ -128,12 +128,7 @@ impl States<'_> {
     /// states cannot be drawn.
     fn enter(&self, simulator: &mut dyn Simulator, rng: &mut Rng) -> anyhow::Result<()> {
         let Some(drawn) = self.draw(rng)? else { return simulator.reset(Start::Usual, 0, rng) };
-        simulator.restore(&Snapshot::at_rest(drawn), 0)?;
-        if self.spec.frames.count > 1 {
-            // A random action leads from the random state to the state that is meant, so that two frames show a velocity.
-            simulator.step(&random_action(self.spec, rng), rng)?;
-        }
-        Ok(())
+        enter_state(simulator, self.spec, drawn, 0, rng)
     }
 
     fn draw(&self, rng: &mut Rng) -> anyhow::Result<Option<Vec<f64>>> {
@@ -150,6 +145,22 @@ impl States<'_> {
         );
         Ok(state)
     }
+}
+
+/// Puts the simulator into a random state, in an episode towards this goal.
+pub(super) fn enter_state(
+    simulator: &mut dyn Simulator,
+    spec: &Spec,
+    drawn: Vec<f64>,
+    goal: usize,
+    rng: &mut Rng,
+) -> anyhow::Result<()> {
+    simulator.restore(&Snapshot::at_rest(drawn), goal)?;
+    if spec.frames.count > 1 {
+        // A random action leads from the random state to the state that is meant, so that two frames show a velocity.
+        simulator.step(&random_action(spec, rng), rng)?;
+    }
+    Ok(())
 }
 
 /// A uniformly random action; each component is a share of its limit.

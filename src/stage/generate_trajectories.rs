@@ -5,7 +5,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    MOST_STEPS, Memory, PresetOf, Refusal, Stage, StageCx, above_zero, count, inputs,
+    MOST_STEPS, Memory, PresetOf, Refusal, Stage, StageCx, above_zero, count,
+    generate_data::enter_state,
+    inputs,
     state_cost::{Distance, Observer},
 };
 use crate::{
@@ -14,7 +16,7 @@ use crate::{
         Acting, Goal, Moment, Policy, SolarPolicy,
         episodes::{self, Episode, Streams, Unstick},
     },
-    env::{Simulator, Snapshot, Start},
+    env::{Simulator, Start},
     lce::Sizes,
     num::{rng::Rng, sampling},
     record::{At, topic},
@@ -187,12 +189,7 @@ impl Params {
             let (name, system, spec) = (cx.task.name(), cx.task.system(), cx.task.spec());
             let state = system.as_ref().and_then(|system| system.sample_state(rng));
             let state = state.with_context(|| format!("`{name}` does not draw random states: leave out `begin`"))?;
-            simulator.restore(&Snapshot::at_rest(state), goal)?;
-            if spec.frames.count > 1 {
-                // A random action, so that two frames show a velocity.
-                let action: Vec<f32> = spec.action_limit.iter().map(|_| sampling::uniform(rng, -1.0, 1.0)).collect();
-                simulator.step(&action, rng)?;
-            }
+            enter_state(simulator, &spec, state, goal, rng)?;
         }
         Ok(())
     }

@@ -18,6 +18,7 @@ mod inputs;
 mod kind;
 pub(crate) mod memory;
 mod networks;
+mod one_goal;
 mod params;
 mod probe;
 mod state;

@@ -5,7 +5,7 @@ use super::{
     transition_kl::transition_kl,
 };
 use crate::{
-    lce::{gaussian_pair::GaussianPair, model::LceModel, passes::PassColumns, transition_batch::TransitionBatch},
+    lce::{gaussian_pair::GaussianPair, passes::PassColumns, transition_batch::Pass},
     nn::{
         columns::{BlockMut, cut_together},
         heads,
@@ -22,25 +22,7 @@ cut_together! {
     }
 }
 
-/// What all samples of a step share.
-pub(super) struct Step<'a, T> {
-    pub(super) model: &'a LceModel<T>,
-    pub(super) loss: &'a E2cLoss,
-    pub(super) batch: &'a TransitionBatch<'a, T>,
-    /// 1 over the number of samples.
-    pub(super) mean: T,
-}
-
-/// Some samples of a step.
-pub(super) struct Pass<'a, 'c, T> {
-    pub(super) step: &'a Step<'a, T>,
-    /// The number of the first sample in the batch.
-    pub(super) first: usize,
-    pub(super) samples: usize,
-    pub(super) c: Columns<'c, T>,
-}
-
-impl<'a, T: Real> Pass<'a, '_, T> {
+impl<'a, T: Real> Pass<'a, E2cLoss, T, Columns<'_, T>> {
     /// Computes terms and deltas. Everything runs under `vectorize`, because outside of it a fused multiply-add is a
     /// function call.
     pub(super) fn run(mut self) {
@@ -56,21 +38,10 @@ impl<'a, T: Real> Pass<'a, '_, T> {
         );
     }
 
-    #[inline(always)]
-    fn latent(&self) -> usize {
-        self.step.model.sizes.latent
-    }
-
-    #[inline(always)]
-    fn action(&self, i: usize) -> &'a [T] {
-        let a = self.step.model.sizes.action;
-        &self.step.batch.actions[(self.first + i) * a..][..a]
-    }
-
     /// The noise of z.
     #[inline(always)]
     fn noise(&self, i: usize) -> &'a [T] {
-        &self.step.batch.noise[(self.first + i) * self.latent()..][..self.latent()]
+        self.noise_of(i, self.latent())
     }
 
     /// Samples z ~ E(·|x). D's inputs become z and A z + B u + o, with the transition at z.

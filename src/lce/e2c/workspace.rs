@@ -1,14 +1,14 @@
 //! One step of E2C's loss: terms and gradient for a batch.
 
 use super::{
-    losses::{Columns, Pass, Step},
+    losses::Columns,
     settings::{E2cLoss, E2cTerms},
 };
 use crate::{
     lce::{
         model::LceModel,
         passes::{Passes, PerSample},
-        transition_batch::TransitionBatch,
+        transition_batch::{Pass, Step, TransitionBatch},
     },
     nn::columns::{Block, over_samples},
     num::Real,

@@ -3,10 +3,7 @@
 
 use super::settings::{Pc3Loss, Pc3Terms};
 use crate::{
-    lce::{
-        curvature::CurvatureColumns, gaussian_pair::GaussianPair, model::LceModel, passes::PassColumns,
-        transition_batch::TransitionBatch,
-    },
+    lce::{curvature::CurvatureColumns, gaussian_pair::GaussianPair, passes::PassColumns, transition_batch::Pass},
     nn::columns::{BlockMut, cut_together},
     num::{Real, simd::vectorize},
 };
@@ -22,30 +19,12 @@ cut_together! {
     }
 }
 
-/// What all samples of a step share.
-pub(super) struct Step<'a, T> {
-    pub(super) model: &'a LceModel<T>,
-    pub(super) loss: &'a Pc3Loss,
-    pub(super) batch: &'a TransitionBatch<'a, T>,
-    /// 1 over the number of samples.
-    pub(super) mean: T,
-}
-
-/// Some samples of a step.
-pub(super) struct Pass<'a, 'c, T> {
-    pub(super) step: &'a Step<'a, T>,
-    /// The number of the first sample in the batch.
-    pub(super) first: usize,
-    pub(super) samples: usize,
-    pub(super) c: Columns<'c, T>,
-}
-
 /// How many standard normal numbers a sample needs: for z', and for both parts of the curvature's step.
 pub(super) fn noise_width(latent: usize, action: usize) -> usize {
     2 * latent + action
 }
 
-impl<'a, T: Real> Pass<'a, '_, T> {
+impl<'a, T: Real> Pass<'a, Pc3Loss, T, Columns<'_, T>> {
     /// Computes z' = E(x') + sigma e and F(·|E(x), u).
     pub(super) fn forward(mut self) {
         vectorize(
@@ -68,22 +47,11 @@ impl<'a, T: Real> Pass<'a, '_, T> {
         );
     }
 
-    #[inline(always)]
-    fn latent(&self) -> usize {
-        self.step.model.sizes.latent
-    }
-
-    #[inline(always)]
-    fn action(&self, i: usize) -> &'a [T] {
-        let a = self.step.model.sizes.action;
-        &self.step.batch.actions[(self.first + i) * a..][..a]
-    }
-
     /// The noise of z', and that of the curvature's step in z and u.
     #[inline(always)]
     fn noise(&self, i: usize) -> (&'a [T], [&'a [T]; 2]) {
         let (n, width) = (self.latent(), noise_width(self.latent(), self.step.model.sizes.action));
-        let (next, curvature) = self.step.batch.noise[(self.first + i) * width..][..width].split_at(n);
+        let (next, curvature) = self.noise_of(i, width).split_at(n);
         (next, curvature.split_at(n).into())
     }
 

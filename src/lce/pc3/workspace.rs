@@ -1,7 +1,7 @@
 //! One step of PC3's loss: terms and gradient for a batch.
 
 use super::{
-    losses::{Columns, Pass, Step, noise_width},
+    losses::{Columns, noise_width},
     nce::{Nce, PairWeights},
     settings::{Pc3Loss, Pc3Terms},
 };
@@ -10,7 +10,7 @@ use crate::{
         curvature::Curvature,
         model::LceModel,
         passes::{Passes, PerSample},
-        transition_batch::TransitionBatch,
+        transition_batch::{Pass, Step, TransitionBatch},
     },
     nn::columns::{Block, over_samples},
     num::Real,
@@ -86,7 +86,7 @@ impl<T: Real> Pc3Workspace<T> {
     }
 
     /// Evaluates what concerns all samples together: NCE with the consistency, and the mean of E(x).
-    fn compare(&mut self, step: &Step<'_, T>, samples: usize) {
+    fn compare(&mut self, step: &Step<'_, Pc3Loss, T>, samples: usize) {
         let n = step.model.sizes.latent;
         let Self { passes, nce, next, d_next, center, terms, .. } = self;
         let mut nets = passes.view(samples);

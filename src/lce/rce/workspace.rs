@@ -1,7 +1,7 @@
 //! One step of RCE's loss: terms and gradient for a batch.
 
 use super::{
-    losses::{Columns, Pass, Step},
+    losses::Columns,
     settings::{RceLoss, RceTerms},
 };
 use crate::{
@@ -9,7 +9,7 @@ use crate::{
         backward::BackwardPass,
         model::LceModel,
         passes::{Passes, PerSample},
-        transition_batch::TransitionBatch,
+        transition_batch::{Pass, Step, TransitionBatch},
     },
     nn::columns::{Block, over_samples},
     num::Real,

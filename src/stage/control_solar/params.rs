@@ -7,7 +7,7 @@ use super::{ControlSolar, rollouts::Group};
 use crate::{
     env::{Spec, Start},
     solar::{iteration::Settings, local_dynamics::LocalFit, trainer::ACTION_VARIANCE},
-    stage::{PresetOf, Refusal, Stage as _, above_zero, count, state_cost::Distance},
+    stage::{PresetOf, Refusal, Stage as _, above_zero, count, one_goal::OneGoal, state_cost::Distance},
 };
 
 #[derive(Debug, Serialize, Deserialize, JsonSchema)]
@@ -61,14 +61,6 @@ pub(super) enum Goals {
     Blind,
     /// One policy, for one goal.
     Only(OneGoal),
-}
-
-/// One of the task's goals.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct OneGoal {
-    /// Its number.
-    goal: u64,
 }
 
 impl Default for Params {
@@ -142,10 +134,7 @@ impl Params {
         let groups: Vec<Group> = match self.goals {
             Goals::Known => all().map(|goal| Group { goals: vec![goal] }).collect(),
             Goals::Blind => vec![Group { goals: all().collect() }],
-            Goals::Only(OneGoal { goal }) => {
-                anyhow::ensure!(goal < spec.goals as u64, "there is no goal {goal}: the task has {}", spec.goals);
-                vec![Group { goals: vec![goal as usize] }]
-            }
+            Goals::Only(goal) => vec![Group { goals: vec![goal.number(spec.goals)?] }],
         };
         let (rollouts, count) = (self.rollouts, groups.len());
         anyhow::ensure!(rollouts >= count as u64, "{rollouts} rollouts for {count} goals: raise `rollouts`");
