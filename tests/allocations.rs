@@ -140,7 +140,7 @@ fn a_training_step_of_solar_allocates_nothing() {
     };
     for transitions in [STEPS - 1, 1] {
         let mut solar =
-            SolarModel::new(sizes.clone(), model.background.clone(), transitions, &mut Rng::seed_from_u64(8));
+            SolarModel::new(sizes.clone(), model.background.clone(), transitions, None, &mut Rng::seed_from_u64(8));
         let settings = solar::trainer::Settings { learning_rate: 1e-3, clip: 5.0, dynamics_rate: 8e-4 };
         let mut trainer = SolarTrainer::new(&solar, settings, STEPS, 2);
         let mut rng = Rng::seed_from_u64(9);

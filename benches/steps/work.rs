@@ -253,7 +253,7 @@ fn solar(name: &str, threads: usize) -> Work {
     let decoder = 3.0 * dense(&[sizes.latent, d0, d1, sizes.pixels]);
     let gflop = 2.0 * (steps * batch) as f64 * (encoder + decoder) / 1e9;
     let mut rng = Rng::seed_from_u64(2);
-    let mut solar = SolarModel::new(model.sizes, model.background, steps - 1, &mut rng);
+    let mut solar = SolarModel::new(model.sizes, model.background, steps - 1, None, &mut rng);
     let settings = solar::trainer::Settings { learning_rate: 1e-3, clip: 5.0, dynamics_rate: 2e-5 * steps as f64 };
     let mut trainer = SolarTrainer::new(&solar, settings, steps, batch);
     let step = move || {

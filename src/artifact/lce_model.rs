@@ -65,8 +65,27 @@ pub(super) fn take_layers(tensors: &TensorFile<'_>, prefix: &str, layout: &Layou
     Ok(arena)
 }
 
+/// The networks of any model, for a stage that takes its encoder alone. A model of SOLAR has no F, so stages that plan or
+/// train in F take a [`TrainedModel`] instead.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EncoderOf(pub LceModel);
+
+impl Artifact for EncoderOf {
+    const TYPE: &'static str = "encoder";
+
+    fn save(self) -> anyhow::Result<Files> {
+        let adam = Adam::new(self.0.arena.len());
+        TrainedModel { model: self.0, adam, suspect_goals: Vec::new() }.save()
+    }
+
+    fn load(files: &Files) -> anyhow::Result<Self> {
+        TrainedModel::load(files).map(|trained| Self(trained.model))
+    }
+}
+
 impl Artifact for TrainedModel {
     const TYPE: &'static str = "lce_model";
+    const READABLE_AS: &'static [&'static str] = &[EncoderOf::TYPE];
 
     fn save(self) -> anyhow::Result<Files> {
         let LceModel { sizes, nets, arena, background } = &self.model;

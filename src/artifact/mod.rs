@@ -19,7 +19,7 @@ pub use collected::Collected;
 pub use evaluation::{EpisodeResult, Evaluation};
 pub use finite::must_be_finite;
 pub use latent_map::{Codes, LatentAxis, LatentMap};
-pub use lce_model::TrainedModel;
+pub use lce_model::{EncoderOf, TrainedModel};
 pub(crate) use solar::{put_plans, take_plans};
 pub use summary::{MetricSummary, ResultSummary};
 pub use trajectories::Trajectories;

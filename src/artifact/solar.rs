@@ -4,7 +4,7 @@ use anyhow::{Context as _, ensure};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Artifact, Files, TrainedModel, json,
+    Artifact, EncoderOf, Files, TrainedModel, json,
     tensors::{TensorFile, Tensors, read_json},
 };
 use crate::{
@@ -56,8 +56,7 @@ const ABOUT_MODEL: &str = "solar.json";
 
 impl Artifact for SolarModel {
     const TYPE: &'static str = "solar_model";
-    /// Its encoder and decoder are those of an LCE model.
-    const READABLE_AS: &'static [&'static str] = &[TrainedModel::TYPE];
+    const READABLE_AS: &'static [&'static str] = &[EncoderOf::TYPE];
 
     fn save(self) -> anyhow::Result<Files> {
         let (d, p) = (self.networks.sizes.latent, self.networks.sizes.latent + self.networks.sizes.action);
@@ -159,8 +158,7 @@ pub(crate) fn take_plans(files: &Files, name: &str, d: usize, m: usize) -> anyho
 
 impl Artifact for SolarController {
     const TYPE: &'static str = "solar_controller";
-    /// Its encoder is that of an LCE model.
-    const READABLE_AS: &'static [&'static str] = &[TrainedModel::TYPE];
+    const READABLE_AS: &'static [&'static str] = &[EncoderOf::TYPE];
 
     fn save(self) -> anyhow::Result<Files> {
         let plans = put_plans(&self.plans)?;

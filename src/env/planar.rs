@@ -53,6 +53,10 @@ fn defaults(of: &DefaultsOf<'_>) -> Value {
         ("generate_trajectories", _) if of.chosen("actions") == Some("gaussian") => {
             json!({ "actions": { "gaussian": { "std": 1.5 / MAX_STEP } } })
         }
+        // Nothing moves the point but its actions. A constant weight of 3 holds the codes to that from the first step.
+        ("train_solar", Preset::Recipe) => {
+            json!({ "first_dynamics": { "push": {} }, "beta": { "first": 3.0, "growth": 0.0 } })
+        }
         ("control_solar", _) => json!({ "initial_std": 1.5 / MAX_STEP, "rollouts": 40 }),
         ("control_ilqr", Preset::Recipe) => json!({ "state_cost": 10.0, "action_cost": 1.0, "plan_length": 10 }),
         // PCC's r = 1 counts actions in units of the task. Ours are in units of the limit.

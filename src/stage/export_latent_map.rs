@@ -2,14 +2,14 @@
 
 use super::{NoParams, Stage, StageCx, inputs, probe};
 use crate::{
-    artifact::{LatentMap, TrainedModel},
+    artifact::{EncoderOf, LatentMap},
     record::At,
 };
 
 inputs! {
     pub(super) struct Inputs {
         /// the model whose encoder is shown
-        model: TrainedModel,
+        model: EncoderOf,
     }
 }
 
@@ -28,7 +28,7 @@ impl Stage for ExportLatentMap {
     fn run(_: &NoParams, inputs: Inputs, cx: &mut StageCx<'_>) -> anyhow::Result<LatentMap> {
         let (probe, task) = (cx.map_probe(), cx.task.name());
         anyhow::ensure!(probe.has_map(), "`{task}` declares no states for a latent map");
-        let map = probe.map(&inputs.model.model);
+        let map = probe.map(&inputs.model.0);
         probe::write(&map, cx.record, At::new(cx.round, 0, 0));
         cx.metric("map_quality", map.quality);
         Ok(map)

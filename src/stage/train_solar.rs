@@ -50,7 +50,7 @@ impl Stage for TrainSolar {
         let transitions = params.transitions(steps);
         let mut training = cx.resume_or(|| {
             let background = background(&trajectories.observations, trajectories.pixels());
-            let new = || SolarModel::new(sizes, background, transitions, &mut cx.rng("weights"));
+            let new = || SolarModel::new(sizes, background, transitions, params.push(), &mut cx.rng("weights"));
             Ok(Training { model: inputs.warm_start.unwrap_or_else(new), epoch: 0, step: 0 })
         })?;
         fits(&training.model, &trajectories, transitions)?;

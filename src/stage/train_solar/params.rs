@@ -7,7 +7,7 @@ use super::TrainSolar;
 use crate::{
     lce::{Differences, ImageNetworks, SharedFrames, Sizes, shared_frames::FRAMES},
     nn::binary_images::PooledPatches,
-    solar::trainer::Settings,
+    solar::{Push, trainer::Settings},
     stage::{MOST_PASSES, PresetOf, Refusal, Stage as _, StepScale, above_zero, count, within},
 };
 
@@ -28,6 +28,8 @@ pub(in crate::stage) struct Params {
     dynamics_rate: f64,
     /// Whether every step of an episode has dynamics of its own.
     dynamics: GlobalDynamics,
+    /// The dynamics of a new model, before any data.
+    first_dynamics: FirstDynamics,
     /// The weight of everything but the likelihood of pictures.
     pub(super) beta: Beta,
     /// Passes between two recorded latent maps.
@@ -88,6 +90,34 @@ enum GlobalDynamics {
     Shared,
 }
 
+/// The dynamics of a new model.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+enum FirstDynamics {
+    /// SOLAR's own: the next code is the code, with a variance of 2.
+    Prior,
+    /// An action moves every code by the same vector.
+    Push(FirstPush),
+}
+
+/// Dynamics by which an action moves every code by the same vector.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+struct FirstPush {
+    /// How far one unit of action moves a code.
+    scale: f64,
+    /// Standard deviation of the next code.
+    std: f64,
+    /// The number of transitions that these dynamics count as.
+    count: f64,
+}
+
+impl Default for FirstPush {
+    fn default() -> Self {
+        Self { scale: 0.25, std: 0.05, count: 1000.0 }
+    }
+}
+
 /// A weight that grows after every batch.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -123,6 +153,7 @@ impl Default for Params {
             clip: 5.0,
             dynamics_rate: 2e-5,
             dynamics: GlobalDynamics::PerStep,
+            first_dynamics: FirstDynamics::Prior,
             beta: Beta::default(),
             map_every: 10,
         }
@@ -156,6 +187,11 @@ impl crate::stage::Params for Params {
             within(&mut refusals, path, value, 0.0, 1e6);
         }
         above_zero(&mut refusals, "beta.most", self.beta.most);
+        if let FirstDynamics::Push(FirstPush { scale, std, count }) = self.first_dynamics {
+            within(&mut refusals, "first_dynamics.push.scale", scale, -1e3, 1e3);
+            within(&mut refusals, "first_dynamics.push.std", std, 1e-3, 1e3);
+            within(&mut refusals, "first_dynamics.push.count", count, 0.0, 1e6);
+        }
         match self.networks {
             Networks::Paper => {}
             Networks::PooledPatches(Patches { side }) => {
@@ -178,6 +214,12 @@ impl Params {
             GlobalDynamics::PerStep => steps - 1,
             GlobalDynamics::Shared => 1,
         }
+    }
+
+    /// The push of a new model, if its dynamics begin with one.
+    pub(super) fn push(&self) -> Option<Push> {
+        let FirstDynamics::Push(FirstPush { scale, std, count }) = self.first_dynamics else { return None };
+        Some(Push { scale, std, count })
     }
 
     pub(super) fn settings(&self, steps: usize) -> Settings {

@@ -126,7 +126,7 @@ fn trajectories() -> Trajectories {
 }
 
 fn solar_model() -> SolarModel {
-    SolarModel::new(model().model.sizes, vec![0; 6], 3, &mut Rng::seed_from_u64(5))
+    SolarModel::new(model().model.sizes, vec![0; 6], 3, None, &mut Rng::seed_from_u64(5))
 }
 
 fn solar_controller() -> SolarController {
