@@ -11,6 +11,7 @@ use super::{
 use crate::{
     lce::{LceModel, PassiveDynamics, Sizes, nets::Nets},
     nn::{adam::Adam, mlp::Layout},
+    solar::is_without_dynamics,
 };
 
 /// A model and its optimiser.
@@ -79,7 +80,7 @@ impl Artifact for EncoderOf {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        TrainedModel::load(files).map(|trained| Self(trained.model))
+        take_networks(files).map(|trained| Self(trained.model))
     }
 }
 
@@ -105,19 +106,26 @@ impl Artifact for TrainedModel {
     }
 
     fn load(files: &Files) -> anyhow::Result<Self> {
-        let About { sizes, adam_steps, suspect_goals } = read_json(files, "model.json")?;
-        let sizes = Sizes::try_from(sizes)?;
-        let nets = Nets::new(&sizes);
-        let tensors = TensorFile::open(files, "model.safetensors")?;
-        let optimizer = TensorFile::open(files, "optimizer.safetensors")?;
-        let adam = Adam {
-            m: take_layers(&optimizer, "m.", &nets.layout)?,
-            v: take_layers(&optimizer, "v.", &nets.layout)?,
-            steps: adam_steps,
-        };
-        let arena = take_layers(&tensors, "", &nets.layout)?;
-        let background = tensors.u8("background")?;
-        ensure!(background.len() == sizes.pixels, "a background of {} pixels, not {}", background.len(), sizes.pixels);
-        Ok(Self { model: LceModel { sizes, nets, arena, background }, adam, suspect_goals })
+        let trained = take_networks(files)?;
+        ensure!(!is_without_dynamics(&trained.model.sizes), "a model of SOLAR, which has no F");
+        Ok(trained)
     }
+}
+
+/// The networks of an LCE model or of a SOLAR model.
+pub(super) fn take_networks(files: &Files) -> anyhow::Result<TrainedModel> {
+    let About { sizes, adam_steps, suspect_goals } = read_json(files, "model.json")?;
+    let sizes = Sizes::try_from(sizes)?;
+    let nets = Nets::new(&sizes);
+    let tensors = TensorFile::open(files, "model.safetensors")?;
+    let optimizer = TensorFile::open(files, "optimizer.safetensors")?;
+    let adam = Adam {
+        m: take_layers(&optimizer, "m.", &nets.layout)?,
+        v: take_layers(&optimizer, "v.", &nets.layout)?,
+        steps: adam_steps,
+    };
+    let arena = take_layers(&tensors, "", &nets.layout)?;
+    let background = tensors.u8("background")?;
+    ensure!(background.len() == sizes.pixels, "a background of {} pixels, not {}", background.len(), sizes.pixels);
+    Ok(TrainedModel { model: LceModel { sizes, nets, arena, background }, adam, suspect_goals })
 }

@@ -4,7 +4,7 @@ use anyhow::{Context as _, ensure};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Artifact, EncoderOf, Files, TrainedModel, json,
+    Artifact, EncoderOf, Files, TrainedModel, json, lce_model,
     tensors::{TensorFile, Tensors, read_json},
 };
 use crate::{
@@ -26,7 +26,7 @@ fn put_networks(networks: LceModel, adam: Adam<f32>) -> anyhow::Result<Files> {
 }
 
 fn take_networks(files: &Files) -> anyhow::Result<(LceModel, Adam<f32>)> {
-    let TrainedModel { model, adam, .. } = TrainedModel::load(files)?;
+    let TrainedModel { model, adam, .. } = lce_model::take_networks(files)?;
     let (latent, action) = (model.sizes.latent, model.sizes.action);
     ensure!(latent <= MOST_LATENT && action <= MOST_ACTION, "codes of {latent} and actions of {action} numbers");
     Ok((model, adam))

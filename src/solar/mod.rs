@@ -25,7 +25,7 @@ pub mod trainer;
 pub mod trust_region;
 
 pub use controller::SolarController;
-pub use model::{Push, SolarModel};
+pub use model::{Push, SolarModel, is_without_dynamics};
 pub use policy::LinearGaussianPolicy;
 pub use small::{MOST, Small};
 

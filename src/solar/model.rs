@@ -64,9 +64,17 @@ impl Push {
     }
 }
 
+/// Units of the layers of an F that nothing uses.
+const NO_DYNAMICS: [usize; 2] = [1, 1];
+
+/// Whether these are the widths of a SOLAR model.
+pub fn is_without_dynamics(sizes: &Sizes) -> bool {
+    sizes.dynamics == NO_DYNAMICS
+}
+
 /// The widths of a SOLAR model: those of an LCE model without F and B.
 pub fn without_dynamics(sizes: Sizes) -> Sizes {
-    Sizes { dynamics: [1, 1], backward: BackwardSizes { z: 1, u: 1, x: 1, joint: 1 }, ..sizes }
+    Sizes { dynamics: NO_DYNAMICS, backward: BackwardSizes { z: 1, u: 1, x: 1, joint: 1 }, ..sizes }
 }
 
 impl SolarModel {

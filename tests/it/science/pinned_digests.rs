@@ -24,9 +24,9 @@ const PINNED: &[(&str, &str, u32, &str)] = &[
     ("map", "export_latent_map", 3, "267f17275bcb5402"),
     ("summary", "summarize", 1, "18deb0c19efd064b"),
     ("trajectories", "generate_trajectories", 1, "1553d97c882fe52f"),
-    ("solar_model", "train_solar", 1, "407113d1aaa9ca16"),
-    ("solar_controller", "control_solar", 1, "ca3b367b85ba1ec8"),
-    ("solar_evaluation", "evaluate", 1, "2f0502e071d9bd17"),
+    ("solar_model", "train_solar", 1, "f9eebeea7fb57d0a"),
+    ("solar_controller", "control_solar", 1, "ed4d1181b594706f"),
+    ("solar_evaluation", "evaluate", 1, "4c144eb1f4b82591"),
 ];
 
 #[test]

@@ -271,8 +271,16 @@ fn no_kind_takes_what_holds_states() {
         for port in kind.ports {
             let sums_up = (kind.output, port.artifact) == ("summary", "evaluation");
             let goes_on = (kind.output, port.artifact) == ("collection", "collection");
-            let stateless =
-                ["transitions", "lce_model", "agent", "ilqr", "trajectories", "solar_model", "solar_controller"];
+            let stateless = [
+                "transitions",
+                "encoder",
+                "lce_model",
+                "agent",
+                "ilqr",
+                "trajectories",
+                "solar_model",
+                "solar_controller",
+            ];
             let holds_no_state = stateless.contains(&port.artifact);
             let may_enter = sums_up || goes_on || holds_no_state;
             assert!(may_enter, "{} takes {} by its port {}", kind.name, port.artifact, port.name);
