@@ -19,6 +19,9 @@ const FIRST_MU: f64 = 1e-5;
 /// Step lengths that the line search tries: 1, 1/2, 1/4, ….
 const LINE_SEARCH: usize = 14;
 
+/// The most sweeps over the components of an action.
+const SWEEPS: usize = 100;
+
 /// Constants of iLQR. The cost of a plan is Σ q |z_t - z_g|² + Σ r |u_t|².
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -78,6 +81,41 @@ struct Applied {
 struct Gains {
     feed_forward: Matrix,
     feedback: Matrix,
+}
+
+/// The k of least k' q_u + k' Q_uu k / 2, and K = -Q_uu⁻¹ Q_uz. With the action u of the plan, u + k stays within its limits,
+/// and rows of K are zero where u + k is at a limit (Tassa et al., 2014). None where Q_uu is not positive definite.
+fn best_step([q_u, q_uz, q_uu]: [&Matrix; 3], within: Option<&[f64]>) -> Option<Gains> {
+    let root = q_uu.cholesky()?;
+    let Some(u) = within else {
+        let [feed_forward, feedback] = [q_u, q_uz].map(|q| root.solve_from_root(q).negative());
+        return Some(Gains { feed_forward, feedback });
+    };
+    let k = least_within(q_u, q_uu, u);
+    let is_free = |i: usize| (u[i] + k[i]).abs() < 1.0;
+    let free = |i: usize, j: usize| if is_free(i) && is_free(j) { q_uu.of(i, j) } else { f64::from(i == j) };
+    let q_free = Matrix::from_fn(u.len(), u.len(), free);
+    let slope = Matrix::from_fn(u.len(), q_uz.columns(), |i, j| if is_free(i) { q_uz.of(i, j) } else { 0.0 });
+    let feedback = q_free.cholesky()?.solve_from_root(&slope).negative();
+    Some(Gains { feed_forward: Matrix::column(k), feedback })
+}
+
+/// The k of least k' q + k' Q k / 2 with every |u + k| at most 1, by descent along one component after the other.
+fn least_within(q: &Matrix, bend: &Matrix, u: &[f64]) -> Vec<f64> {
+    let mut k = vec![0.0; u.len()];
+    for _ in 0..SWEEPS {
+        let mut change = 0.0_f64;
+        for i in 0..k.len() {
+            let slope = q.of(i, 0) + (0..k.len()).map(|j| bend.of(i, j) * k[j]).sum::<f64>();
+            let new = (k[i] - slope / bend.of(i, i)).clamp(-1.0 - u[i], 1.0 - u[i]);
+            change = change.max((new - k[i]).abs());
+            k[i] = new;
+        }
+        if change < 1e-12 {
+            break;
+        }
+    }
+    k
 }
 
 /// Plans towards one goal over the steps of an episode.
@@ -199,8 +237,8 @@ impl<'a, D: Dynamics> Planner<'a, D> {
             let q_zz = Matrix::diagonal(n, 2.0 * q).plus(&f_z.transposed_times(&ahead));
             let q_uz = f_u.transposed_times(&ahead);
             let q_uu = Matrix::diagonal(a, 2.0 * r + mu).plus(&f_u.transposed_times(&v_zz.times(f_u)));
-            let root = q_uu.cholesky()?;
-            let [feed_forward, feedback] = [&q_u, &q_uz].map(|q| root.solve_from_root(q).negative());
+            let limits = self.settings.within_limits.then_some(&plan.u[t * a..][..a]);
+            let Gains { feed_forward, feedback } = best_step([&q_u, &q_uz, &q_uu], limits)?;
             v_z = q_z.plus(&q_uz.transposed_times(&feed_forward));
             v_zz = q_zz.plus(&q_uz.transposed_times(&feedback));
             gains.push(Gains { feed_forward, feedback });

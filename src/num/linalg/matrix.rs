@@ -25,16 +25,23 @@ impl Matrix {
         Self::new(width, (0..width * width).map(entry).collect())
     }
 
+    /// Columns.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
     /// The entry of a row and a column.
     pub fn of(&self, row: usize, column: usize) -> f64 {
         self.entries[row * self.columns + column]
     }
 
-    fn rows(&self) -> usize {
+    /// Rows.
+    pub fn rows(&self) -> usize {
         self.entries.len() / self.columns
     }
 
-    fn from_fn(rows: usize, columns: usize, entry: impl Fn(usize, usize) -> f64) -> Self {
+    /// A matrix by its entries.
+    pub fn from_fn(rows: usize, columns: usize, entry: impl Fn(usize, usize) -> f64) -> Self {
         Self::new(columns, (0..rows * columns).map(|at| entry(at / columns, at % columns)).collect())
     }
 
