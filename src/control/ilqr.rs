@@ -40,7 +40,7 @@ pub struct Ilqr {
     pub iterations: u64,
     /// Whether plans keep actions within their limits. Without it, a plan may count on actions that the task cuts, and on
     /// what F says of actions that no data show.
-    pub within_limits: bool,
+    pub control_limited: bool,
 }
 
 impl Default for Ilqr {
@@ -52,7 +52,7 @@ impl Default for Ilqr {
             uniform_plans: 3,
             bang_bang_plans: 3,
             iterations: 4,
-            within_limits: false,
+            control_limited: false,
         }
     }
 }
@@ -237,7 +237,7 @@ impl<'a, D: Dynamics> Planner<'a, D> {
             let q_zz = Matrix::diagonal(n, 2.0 * q).plus(&f_z.transposed_times(&ahead));
             let q_uz = f_u.transposed_times(&ahead);
             let q_uu = Matrix::diagonal(a, 2.0 * r + mu).plus(&f_u.transposed_times(&v_zz.times(f_u)));
-            let limits = self.settings.within_limits.then_some(&plan.u[t * a..][..a]);
+            let limits = self.settings.control_limited.then_some(&plan.u[t * a..][..a]);
             let Gains { feed_forward, feedback } = best_step([&q_u, &q_uz, &q_uu], limits)?;
             v_z = q_z.plus(&q_uz.transposed_times(&feed_forward));
             v_zz = q_zz.plus(&q_uz.transposed_times(&feedback));
@@ -247,11 +247,11 @@ impl<'a, D: Dynamics> Planner<'a, D> {
         Some(gains)
     }
 
-    /// The line search: the plan after the longest step along the gains that lowers the cost. Actions beyond their limits
-    /// are cut before the plan goes on, so that later actions answer to what the task would do.
+    /// The line search: the plan after the longest step along the gains that lowers the cost. A control-limited plan clips
+    /// each action before it predicts the next code.
     fn search(&mut self, plan: &Plan, gains: &[Gains]) -> Option<Plan> {
         let (n, a) = (self.dynamics.latent(), self.dynamics.action());
-        let limit = if self.settings.within_limits { 1.0 } else { f64::INFINITY };
+        let limit = if self.settings.control_limited { 1.0 } else { f64::INFINITY };
         let mut alpha = 1.0;
         for _ in 0..LINE_SEARCH {
             let follow = |t: usize, z: &[f64], u: &mut [f64]| {

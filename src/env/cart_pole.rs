@@ -101,7 +101,7 @@ fn defaults(of: &DefaultsOf<'_>) -> Value {
         }),
         // A leaning pole asks for the whole force at once. Plans without limits count on a greater force.
         ("control_ilqr", Preset::Recipe) => {
-            json!({ "state_cost": 100.0, "action_cost": 1.0, "plan_length": 5, "within_limits": true })
+            json!({ "state_cost": 100.0, "action_cost": 1.0, "plan_length": 10, "control_limited": true })
         }
         // PCC's r = 1 counts actions in units of the task. Ours are in units of the limit.
         ("control_ilqr", Preset::Paper) => {

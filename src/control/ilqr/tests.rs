@@ -135,9 +135,9 @@ fn cart() -> Affine {
 }
 
 #[test]
-fn a_plan_within_limits_costs_less_than_one_whose_actions_are_cut_afterwards() {
-    let plan = |within_limits| {
-        let settings = Ilqr { iterations: 30, within_limits, ..Ilqr::default() };
+fn a_control_limited_plan_costs_less_than_one_whose_actions_are_cut_afterwards() {
+    let plan = |control_limited| {
+        let settings = Ilqr { iterations: 30, control_limited, ..Ilqr::default() };
         let mut planner = Planner::new(&settings, cart(), vec![0.0; 2], rng());
         let u = planner.improve(&[2.0, 0.0], &[0.0; 20]).u;
         let cut: Vec<f64> = u.iter().map(|u| u.clamp(-1.0, 1.0)).collect();
@@ -147,6 +147,35 @@ fn a_plan_within_limits_costs_less_than_one_whose_actions_are_cut_afterwards() {
     let ((most, cost), (most_free, cost_cut)) = (plan(true), plan(false));
     assert!(most <= 1.0 && most_free > 2.0, "{most} and {most_free}");
     assert!(cost < 0.99 * cost_cut, "{cost} and {cost_cut}");
+}
+
+/// Where an action is at a limit, the cost falls beyond it; everywhere else its slope is zero.
+#[test]
+fn a_control_limited_plan_on_affine_dynamics_is_the_minimum_within_its_limits() {
+    let mut rng = rng();
+    let mut at_limits = 0;
+    for (latent, action, steps) in [(1, 1, 4), (2, 2, 10), (3, 1, 7), (8, 3, 5)] {
+        let dynamics = Affine::random(latent, action, &mut rng);
+        let mut z = vec![0.0; 2 * latent];
+        sampling::fill_normal(&mut rng, &mut z);
+        let settings =
+            Ilqr { state_cost: 3.0, action_cost: 0.5, iterations: 200, control_limited: true, ..Ilqr::default() };
+        let mut planner = Planner::new(&settings, dynamics, z.split_off(latent), self::rng());
+        let u = planner.improve(&z, &vec![0.3; steps * action]).u;
+        for i in 0..u.len() {
+            let mut cost = |change: f64| {
+                let mut moved = u.clone();
+                moved[i] += change;
+                planner.follow(&z, u.len(), |t, _, u| u.copy_from_slice(&moved[t * action..][..action])).cost
+            };
+            // The cost is quadratic, so this is its slope.
+            let slope = (cost(0.5) - cost(-0.5)) / 1.0;
+            at_limits += usize::from(u[i].abs() == 1.0);
+            let is_best = if u[i].abs() == 1.0 { slope * u[i] <= 0.0 } else { slope.abs() < 1e-4 };
+            assert!(is_best, "{latent} codes, {action} actions, entry {i}: {} with slope {slope}", u[i]);
+        }
+    }
+    assert!(at_limits > 5, "{at_limits} actions at their limits");
 }
 
 #[test]
