@@ -19,7 +19,7 @@ const PINNED: &[(&str, &str, u32, &str)] = &[
     ("distilled", "distill_policy", 1, "9c2dd8093a7145fc"),
     ("next_agent", "train_sac", 2, "0475572a0c9ea4c8"),
     ("evaluation", "evaluate", 1, "f6ce16218a838441"),
-    ("ilqr", "control_ilqr", 2, "8b6faefb2673cf19"),
+    ("ilqr", "control_ilqr", 2, "7db2007a91ed92e1"),
     ("planned", "evaluate", 1, "a13a6c3e6a9009cb"),
     ("map", "export_latent_map", 3, "267f17275bcb5402"),
     ("summary", "summarize", 1, "18deb0c19efd064b"),
