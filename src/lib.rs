@@ -12,6 +12,7 @@ pub mod nn;
 pub mod node_name;
 pub mod num;
 pub mod pipeline;
+pub mod program;
 pub mod record;
 pub mod report;
 pub mod run;

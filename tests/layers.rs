@@ -12,6 +12,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
     ("failpoint", &[]),
     ("store", &[("digest", "keys and contents"), ("failpoint", "faults that tests want")]),
     ("node_name", &[]),
+    ("program", &[]),
     ("diag", &[]),
     ("record", &[("failpoint", "faults that tests want")]),
     ("num", &[]),
@@ -52,6 +53,9 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
         "stage",
         &[
             ("diag", "the symmetry that was probably meant"),
+            ("digest", "the content of files that parameters name"),
+            ("program", "a user's own program as a stage"),
+            ("store", "outputs that lie in files"),
             ("artifact", "what goes in and comes out"),
             ("lce", "training of the representation"),
             ("solar", "training and control of SOLAR"),
@@ -66,6 +70,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
         "pipeline",
         &[
             ("diag", "mistakes with their place"),
+            ("digest", "the content of files that a node names"),
             ("env", "the `[task]` table"),
             ("num", "a node's stream and platform"),
             ("node_name", "names of nodes"),

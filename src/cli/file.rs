@@ -9,6 +9,7 @@ use std::{
 use serde_json::json;
 
 use super::{
+    disk::Disk,
     exit::{Error, Exit, Message},
     out,
 };
@@ -63,7 +64,10 @@ pub(crate) fn load(path: &Path, changes: &ChangeArgs, kinds: &'static [Kind], js
         let bytes = fs::read(&path).map_err(|error| out::tidy(&error.to_string()))?;
         Ok(Source::new(path.display().to_string(), bytes))
     };
-    match pipeline::load_with(&source, &overrides, kinds, &read) {
+    let disk = Disk::new(folder);
+    let loaded = pipeline::load_with(&source, &overrides, kinds, &read, &disk);
+    files.borrow_mut().extend(disk.into_seen());
+    match loaded {
         Ok(graph) => {
             let text = String::from_utf8_lossy(&source.bytes).into_owned();
             Ok(Loaded { files: files.into_inner(), text, graph })

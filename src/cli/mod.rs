@@ -3,6 +3,7 @@
 mod bug;
 mod compare;
 mod dag;
+mod disk;
 mod doctor;
 mod du;
 mod exit;

@@ -12,7 +12,7 @@ mod resolve;
 mod show;
 mod syntax;
 
-pub use graph::node::{BaseFile, Graph, Member, Node, NodeId};
+pub use graph::node::{BaseFile, Graph, Member, Node, NodeFile, NodeId};
 pub use load::{Reader, Source, load, load_with};
 pub use show::{dag_mermaid, dag_text, dag_text_expanded, stages_json, stages_text};
 pub use syntax::arguments::Overrides;

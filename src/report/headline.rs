@@ -23,7 +23,7 @@ pub struct Headline {
 /// `None` where no final result is finished, or where final results differ in more than their seed: a mean over unlike
 /// tasks, stages or parameters would mean nothing.
 pub fn headline(manifest: &Manifest, kinds: &[Kind]) -> Option<Headline> {
-    let metric_of = |node: &NodeRecord| kinds.iter().find(|kind| kind.name == node.about.work.kind)?.headline;
+    let metric_of = |node: &NodeRecord| node.about.work.kind_among(kinds)?.headline;
     let finals: Vec<&NodeRecord> =
         manifest.nodes.iter().filter(|node| node.about.is_last && metric_of(node).is_some()).collect();
     let metric = metric_of(finals.first()?)?;

@@ -70,7 +70,7 @@ impl<'a> Lineage<'a> {
     /// no transitions but sample the task report the metric `samples`.
     pub(super) fn samples(&self, upstream: &BTreeSet<usize>) -> u64 {
         let makes =
-            |node: &NodeRecord| self.kinds.iter().any(|it| it.name == node.about.work.kind && it.gives(TRANSITIONS));
+            |node: &NodeRecord| node.about.work.kind_among(self.kinds).is_some_and(|kind| kind.gives(TRANSITIONS));
         let of = |node: &NodeRecord| match node.outcome.metrics.get("samples") {
             Some(&samples) => Some(samples as u64),
             None => node.about.work.params["samples"].as_u64().filter(|_| makes(node)),

@@ -83,7 +83,7 @@ fn outcomes_of<'a>(
 ) -> impl Iterator<Item = (&'a NodeRecord, Outcome)> {
     let done = manifest.nodes.iter().enumerate().filter(move |(_, node)| is_wanted(node));
     done.filter_map(move |(id, node)| {
-        let kind = kinds.iter().find(|kind| kind.name == node.about.work.kind)?;
+        let kind = node.about.work.kind_among(kinds)?;
         Some((node, outcome(manifest, lineage, id, kind, kind.headline?)))
     })
 }

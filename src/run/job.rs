@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::{key, node::Work};
 use crate::{
     digest::Digest,
-    pipeline::Node,
+    pipeline::{Node, NodeFile},
     store::{Entry, Key},
 };
 
@@ -21,6 +21,9 @@ pub struct Job {
     pub work: Work,
     /// The inputs of each port, in the order of the ports.
     pub inputs: Vec<JobPort>,
+    /// The files that its parameters name.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub files: Vec<NodeFile>,
     /// The most threads that the job may use. Their number changes no result.
     pub threads: usize,
 }
@@ -58,6 +61,7 @@ impl Job {
             round: node.round,
             work: Work::of(node),
             inputs: ports.zip(inputs).map(|(port, inputs)| JobPort { port, inputs }).collect(),
+            files: node.files.clone(),
             threads,
         }
     }

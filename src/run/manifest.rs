@@ -2,7 +2,10 @@
 
 mod file;
 
-use std::fs;
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context as _, bail};
 use serde::{Deserialize, Serialize};
@@ -10,14 +13,15 @@ use serde_json::{Map, Value};
 
 use super::{
     events::RunState,
-    key,
+    key, named_files,
     node::{NodeDescription, NodeOutcome, NodeRecord},
     utc,
 };
 use crate::{
+    digest::Digest,
     num,
-    pipeline::{Graph, Member, Node, NodeId},
-    stage::{Kind, Port},
+    pipeline::{Graph, Member, Node, NodeFile, NodeId},
+    stage::{Kind, NamedFile, Port},
 };
 
 pub use file::Unreadable;
@@ -63,6 +67,9 @@ pub struct Manifest {
     pub recorder_secs: f64,
     /// Every wanted node, inputs first.
     pub nodes: Vec<NodeRecord>,
+    /// The folder that it was read from.
+    #[serde(skip)]
+    pub run_dir: Option<PathBuf>,
 }
 
 /// The machine of a run.
@@ -106,6 +113,7 @@ impl Manifest {
             node_secs: 0.0,
             recorder_secs: 0.0,
             nodes: nodes.map(|(node, _)| record(node)).collect(),
+            run_dir: None,
         }
     }
 
@@ -142,42 +150,55 @@ impl Manifest {
     pub fn graph(&self, kind: &dyn Fn(&str) -> Option<&'static Kind>) -> anyhow::Result<Graph> {
         let mut nodes: Vec<Node> = Vec::new();
         for record in &self.nodes {
-            nodes.push(node(&record.about, &nodes, kind)?);
+            nodes.push(self.node_of(&record.about, &nodes, kind)?);
         }
         let (name, description) = (self.pipeline.clone(), self.description.clone());
         Ok(Graph { name, description, members: self.members.clone(), nodes })
     }
-}
 
-/// The node that a description describes; `before` are the nodes that it may take.
-fn node(
-    description: &NodeDescription,
-    before: &[Node],
-    kind: &dyn Fn(&str) -> Option<&'static Kind>,
-) -> anyhow::Result<Node> {
-    let NodeDescription { name, work, .. } = description;
-    let kind = kind(&work.kind).with_context(|| format!("this carl-pipe has no kind `{}`", work.kind))?;
-    if kind.version != work.version {
-        bail!("`{}` is now version {}, the run had version {}", work.kind, kind.version, work.version);
+    /// The node that a description describes; `before` are the nodes that it may take.
+    fn node_of(
+        &self,
+        description: &NodeDescription,
+        before: &[Node],
+        kind: &dyn Fn(&str) -> Option<&'static Kind>,
+    ) -> anyhow::Result<Node> {
+        let NodeDescription { name, work, .. } = description;
+        let kind = kind(&work.kind).with_context(|| format!("this carl-pipe has no kind `{}`", work.kind))?;
+        if kind.version != work.version {
+            bail!("`{}` is now version {}, the run had version {}", work.kind, kind.version, work.version);
+        }
+        if work.platform != num::PLATFORM {
+            bail!("`{name}` ran on platform {}, this carl-pipe has {}", work.platform, num::PLATFORM);
+        }
+        let kind = kind.declared(&work.params, description.inputs.keys().map(String::as_str));
+        let inputs = kind.ports.iter().map(|port| Ok((port, sources(description, port, before)?)));
+        let file =
+            |NamedFile { path, content }| NodeFile { content, place: self.place(description.member, &path, content) };
+        let files = (kind.files)(&work.params).with_context(|| format!("the parameters of `{name}` cannot be read"))?;
+        Ok(Node {
+            name: name.clone(),
+            stage: description.stage.clone(),
+            member: description.member,
+            round: description.round,
+            point: description.point.clone(),
+            kind,
+            params: work.params.clone(),
+            task: work.task.clone(),
+            files: files.into_iter().map(file).collect(),
+            stream: work.stream.clone(),
+            platform: num::PLATFORM,
+            inputs: inputs.collect::<anyhow::Result<_>>()?,
+            is_last: description.is_last,
+        })
     }
-    if work.platform != num::PLATFORM {
-        bail!("`{name}` ran on platform {}, this carl-pipe has {}", work.platform, num::PLATFORM);
+
+    /// Where a file lies that a node names: the copy that the run kept, or else the file itself.
+    fn place(&self, member: usize, path: &str, content: Digest) -> PathBuf {
+        let kept = self.run_dir.as_ref().map(|run_dir| named_files::kept(run_dir, content));
+        let file = Path::new(&self.members[member].file).parent().unwrap_or(Path::new("")).join(path);
+        kept.filter(|kept| kept.exists()).unwrap_or(file)
     }
-    let inputs = kind.ports.iter().map(|port| Ok((port, sources(description, port, before)?)));
-    Ok(Node {
-        name: name.clone(),
-        stage: description.stage.clone(),
-        member: description.member,
-        round: description.round,
-        point: description.point.clone(),
-        kind,
-        params: work.params.clone(),
-        task: work.task.clone(),
-        stream: work.stream.clone(),
-        platform: num::PLATFORM,
-        inputs: inputs.collect::<anyhow::Result<_>>()?,
-        is_last: description.is_last,
-    })
 }
 
 /// The nodes that a port takes.

@@ -11,6 +11,7 @@ pub mod job;
 pub mod key;
 pub mod manifest;
 pub mod marks;
+mod named_files;
 pub mod node;
 pub mod plan;
 pub mod recordings;

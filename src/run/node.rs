@@ -11,6 +11,7 @@ use crate::{
     env::Task,
     num::{self, rng::Stream},
     pipeline::{Graph, Node},
+    stage::Kind,
     store::Entry,
 };
 
@@ -47,6 +48,12 @@ impl Work {
             stream: node.stream.clone(),
             platform: node.platform.to_owned(),
         }
+    }
+
+    /// Its kind, with the output that it has here.
+    pub fn kind_among<'k>(&self, kinds: &'k [Kind]) -> Option<&'k Kind> {
+        let kind = kinds.iter().find(|kind| kind.name == self.kind)?;
+        Some(kind.declared(&self.params, []))
     }
 }
 

@@ -1,9 +1,14 @@
 //! What a stage may use while it works: named random streams, its recording, progress, its saved state and its share of
 //! the cores.
 
+use std::path::PathBuf;
+
+use anyhow::bail;
+
 use super::{StageState, probe::MapProbe};
 use crate::{
     artifact::Files,
+    digest::Digest,
     env::Task,
     num::{
         Threads,
@@ -26,6 +31,22 @@ pub trait Host: Sync {
     /// The files of a state that an earlier process saved for this node.
     fn saved_state(&self) -> Option<Files> {
         None
+    }
+
+    /// An empty folder for this node alone, in the file system of the store. It goes away once the output is published.
+    ///
+    /// # Errors
+    /// There is none here.
+    fn folder(&self) -> anyhow::Result<PathBuf> {
+        bail!("a stage has no folder here")
+    }
+
+    /// The file with this content, among those that the parameters name.
+    ///
+    /// # Errors
+    /// The file has changed since the run was planned, or cannot be read.
+    fn file(&self, content: Digest) -> anyhow::Result<PathBuf> {
+        bail!("the file {} cannot be read here", content.short())
     }
 
     /// Called at every tick of a stage that can be resumed. A host that wants the state now calls `save`.
@@ -126,6 +147,32 @@ impl<'a> StageCx<'a> {
     pub fn progress(&mut self, done: u64, total: u64, note: &str) -> Result<(), Interrupted> {
         self.host.progress(done, total, note);
         if self.host.stop_asked() { Err(Interrupted) } else { Ok(()) }
+    }
+
+    /// Shows progress in a stage that asks [`StageCx::stop_asked`] by itself.
+    pub(super) fn show_progress(&self, done: u64, total: u64, note: &str) {
+        self.host.progress(done, total, note);
+    }
+
+    /// True once the user asked to stop.
+    pub(super) fn stop_asked(&self) -> bool {
+        self.host.stop_asked()
+    }
+
+    /// See [`Host::folder`].
+    ///
+    /// # Errors
+    /// There is none here.
+    pub(super) fn folder(&self) -> anyhow::Result<PathBuf> {
+        self.host.folder()
+    }
+
+    /// See [`Host::file`].
+    ///
+    /// # Errors
+    /// The file has changed since the run was planned, or cannot be read.
+    pub(super) fn file(&self, content: Digest) -> anyhow::Result<PathBuf> {
+        self.host.file(content)
     }
 
     /// Reports a metric, such as `percent_goal`. A stage whose headline is not finite fails.

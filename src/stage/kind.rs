@@ -4,9 +4,10 @@ use anyhow::Context as _;
 use serde_json::Value;
 
 use super::{
-    InputFiles, Inputs as _, Memory, Params, Port, PresetOf, Refusal, Stage, StageCx, collect, control_ilqr,
-    control_solar, distill_policy, divergence, evaluate, export_latent_map, generate_data, generate_trajectories,
-    memory, network_sizes, summarize, train_lce, train_sac, train_solar,
+    ANY, Declared, InputFiles, Inputs as _, Memory, NamedFile, Outside, Params, Port, PresetOf, Refusal, Stage,
+    StageCx, collect, command, control_ilqr, control_solar, declared, distill_policy, divergence, evaluate,
+    export_latent_map, generate_data, generate_trajectories, memory, network_sizes, summarize, train_lce, train_sac,
+    train_solar,
 };
 use crate::{
     artifact::{Artifact as _, Files, must_be_finite},
@@ -39,9 +40,19 @@ pub struct Kind {
     pub check: fn(&Value, &Task) -> Result<Vec<Refusal>, serde_json::Error>,
     /// The optional inputs that the parameters need. All parameters are given.
     pub needs: fn(&Value) -> Result<&'static [&'static str], serde_json::Error>,
+    /// See [`Params::complete`].
+    pub complete: fn(Value, &dyn Outside) -> Result<(Value, Vec<Refusal>), serde_json::Error>,
+    /// See [`Params::files`].
+    pub files: fn(&Value) -> Result<Vec<NamedFile>, serde_json::Error>,
+    /// For a kind whose inputs and output each stage declares: what a stage with these parameters, and inputs of these
+    /// names, declares. See [`Kind::declared`].
+    pub declare: Option<fn(&Value, &[&str]) -> Declared>,
     /// Does the work. Takes all parameters and the verified files of the inputs, and returns the files of the output.
-    pub run: fn(&Value, &InputFiles<'_>, &mut StageCx<'_>) -> anyhow::Result<Files>,
+    pub run: Run,
 }
+
+/// See [`Kind::run`].
+pub type Run = fn(&Value, &InputFiles<'_>, &mut StageCx<'_>) -> anyhow::Result<Files>;
 
 impl std::fmt::Debug for Kind {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -52,27 +63,54 @@ impl std::fmt::Debug for Kind {
 impl Kind {
     /// Whether a port that takes `artifact` can read this kind's output.
     pub fn gives(&self, artifact: &str) -> bool {
-        self.output == artifact || self.readable_as.contains(&artifact)
+        artifact == ANY || self.output == artifact || self.readable_as.contains(&artifact)
+    }
+
+    /// The kind as a stage with these parameters, and inputs of these names, uses it. That is the kind itself, unless its
+    /// stages declare their own inputs and output.
+    pub fn declared<'k, 'p>(&'k self, params: &Value, inputs: impl IntoIterator<Item = &'p str>) -> &'k Self {
+        declared::declared(self, params, inputs)
     }
 
     /// The kind `S` without its Rust types.
     pub fn of<S: Stage>() -> Self {
         Self {
-            name: S::KIND,
-            version: S::VERSION,
-            about: S::ABOUT,
             headline: S::HEADLINE,
             ports: S::Inputs::PORTS,
-            output: S::Output::TYPE,
             readable_as: S::Output::READABLE_AS,
-            preset: |of| serde_json::to_value(S::Params::preset(of)).expect("parameters are plain data"),
-            schema: || schemars::schema_for!(S::Params),
-            canonical: |params| serde_json::to_value(serde_json::from_value::<S::Params>(params.clone())?),
-            check: |params, task| {
-                serde_json::from_value(params.clone()).map(|params| check::<S::Params>(&params, task))
+            ..Self::with::<S::Params>(S::KIND, S::VERSION, S::ABOUT, S::Output::TYPE, run::<S>)
+        }
+    }
+
+    /// A kind with these parameters and without inputs.
+    pub(super) fn with<P: Params>(
+        name: &'static str,
+        version: u32,
+        about: &'static str,
+        output: &'static str,
+        run: Run,
+    ) -> Self {
+        Self {
+            name,
+            version,
+            about,
+            headline: None,
+            ports: &[],
+            output,
+            readable_as: &[],
+            preset: |of| serde_json::to_value(P::preset(of)).expect("parameters are plain data"),
+            schema: || schemars::schema_for!(P),
+            canonical: |params| serde_json::to_value(serde_json::from_value::<P>(params.clone())?),
+            check: |params, task| serde_json::from_value(params.clone()).map(|params| check::<P>(&params, task)),
+            needs: |params| serde_json::from_value::<P>(params.clone()).map(|params| params.needs()),
+            complete: |params, outside| {
+                let mut params: P = serde_json::from_value(params)?;
+                let refusals = params.complete(outside);
+                Ok((serde_json::to_value(params)?, refusals))
             },
-            needs: |params| serde_json::from_value::<S::Params>(params.clone()).map(|params| params.needs()),
-            run: run::<S>,
+            files: |params| serde_json::from_value::<P>(params.clone()).map(|params| params.files()),
+            declare: None,
+            run,
         }
     }
 }
@@ -130,6 +168,7 @@ fn built_in() -> Vec<Kind> {
         Kind::of::<evaluate::Evaluate>(),
         Kind::of::<export_latent_map::ExportLatentMap>(),
         Kind::of::<summarize::Summarize>(),
+        command::kind(),
     ]
 }
 

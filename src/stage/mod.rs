@@ -3,10 +3,12 @@
 //! A kind is one file in this folder, named after the kind, and one line in [`registry`].
 
 mod collect;
+mod command;
 mod control_ilqr;
 mod control_solar;
 mod controllers;
 mod cx;
+mod declared;
 mod distill_policy;
 mod divergence;
 mod evaluate;
@@ -19,6 +21,7 @@ mod kind;
 pub(crate) mod memory;
 mod networks;
 mod one_goal;
+mod outside;
 mod params;
 mod probe;
 mod state;
@@ -33,12 +36,14 @@ use crate::artifact::Artifact;
 
 pub use crate::env::Preset;
 pub use cx::{Host, Interrupted, StageCx};
+pub use declared::{ANY, Declared};
 pub use divergence::{Diverged, StepScale};
 pub(crate) use inputs::inputs;
 pub use inputs::{Arity, InputFiles, Inputs, Port, PortField, load_port};
 pub use kind::{Kind, kind, registry, registry_with};
 pub use memory::{MOST_MEMORY, Memory};
 pub use networks::network_sizes;
+pub use outside::{NamedFile, NothingOutside, Outside};
 pub(crate) use params::NoParams;
 pub use params::{MOST_COPIES, MOST_PASSES, MOST_STEPS, Params, PresetOf, Refusal, above_zero, count, within};
 pub use state::StageState;

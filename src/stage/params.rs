@@ -5,7 +5,7 @@ use std::{borrow::Cow, ops::RangeInclusive};
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
 
-use super::{Memory, Preset, StepScale, Symmetries};
+use super::{Memory, NamedFile, Outside, Preset, StepScale, Symmetries};
 use crate::{env::Task, lce::Sizes};
 
 /// The parameters of a kind. Derive `Serialize`, `Deserialize` (with `deny_unknown_fields, default`) and `JsonSchema`.
@@ -36,6 +36,17 @@ pub trait Params: Serialize + DeserializeOwned + Default + schemars::JsonSchema 
     /// The optional inputs that these parameters need.
     fn needs(&self) -> &'static [&'static str] {
         &[]
+    }
+
+    /// Adds what lies outside of the pipeline file and yet changes the result, such as the content of files that the
+    /// parameters name. It becomes part of the key. Returns what cannot be found.
+    fn complete(&mut self, _: &dyn Outside) -> Vec<Refusal> {
+        Vec::new()
+    }
+
+    /// The files that the completed parameters name.
+    fn files(&self) -> Vec<NamedFile> {
+        Vec::new()
     }
 }
 

@@ -1,11 +1,12 @@
 //! The graph that a pipeline unrolls into.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::PathBuf};
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::{
+    digest::Digest,
     env::Task,
     node_name::without_member,
     num::rng::Stream,
@@ -95,6 +96,8 @@ pub struct Node {
     pub params: Value,
     /// The task, defaults written out.
     pub task: Task,
+    /// The files that its parameters name.
+    pub files: Vec<NodeFile>,
     /// The node's random stream.
     pub stream: Stream,
     /// The arithmetic that its result depends on: [`crate::num::PLATFORM`].
@@ -103,4 +106,13 @@ pub struct Node {
     pub inputs: Vec<(&'static Port, Vec<NodeId>)>,
     /// True for nodes of the last round and of stages outside of the loop: their results are the pipeline's.
     pub is_last: bool,
+}
+
+/// A file outside of the pipeline file whose content is part of a key.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NodeFile {
+    /// The digest of its content.
+    pub content: Digest,
+    /// Where it lay when the graph was made.
+    pub place: PathBuf,
 }

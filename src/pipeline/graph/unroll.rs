@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use serde_json::Value;
+
 use super::{
     cells::{Cell, CellId, Upstream, cells, too_large},
-    node::{Graph, Member, Node, NodeId},
+    node::{Graph, Member, Node, NodeFile, NodeId},
     order::order,
     reach::reach,
 };
@@ -20,12 +22,16 @@ use crate::{
             resolved::{Pipeline, Target},
         },
     },
-    stage::{Arity, Port},
+    stage::{Arity, Kind, NamedFile, Outside, Port},
 };
 
 /// Unrolls the pipeline. `mistakes` are those already found; with them there is no graph, but all other mistakes.
-pub(crate) fn graph(pipeline: &Pipeline, mut mistakes: Vec<Diagnostic>) -> Result<Graph, Vec<Diagnostic>> {
-    let mut resolver = ParameterResolver::new(pipeline);
+pub(crate) fn graph(
+    pipeline: &Pipeline,
+    outside: &dyn Outside,
+    mut mistakes: Vec<Diagnostic>,
+) -> Result<Graph, Vec<Diagnostic>> {
+    let mut resolver = ParameterResolver::new(pipeline, outside);
     let loop_broken = pipeline.stages.iter().any(|stage| stage.loop_broken);
     let Some(cells) = (if loop_broken { None } else { cells(pipeline, &mut mistakes) }) else {
         resolver.resolve_all();
@@ -155,14 +161,16 @@ impl Unrolling<'_> {
         });
         let shown: Vec<(String, String)> = shown.collect();
         let name = NodeName { member: None, stage: stage.name.clone(), round: cell.round, point: shown.clone() };
+        let params = self.resolver.params(cell.stage, stage.is_first(cell.round), point)?;
         Some(Node {
+            files: self.files(kind, &params),
             name: name.to_string(),
             stage: stage.name.clone(),
             member: 0,
             round: cell.round,
             point: shown,
             kind,
-            params: self.resolver.params(cell.stage, stage.is_first(cell.round), point)?,
+            params,
             task: self.resolver.task(point)?,
             stream: Stream {
                 seed: self.seed(point),
@@ -174,6 +182,12 @@ impl Unrolling<'_> {
             inputs: self.inputs(cell, point),
             is_last: cell.round.is_none_or(|round| round + 1 == pipeline.rounds()),
         })
+    }
+
+    /// The files that parameters name, where they lie.
+    fn files(&self, kind: &Kind, params: &Value) -> Vec<NodeFile> {
+        let place = |NamedFile { path, content }| NodeFile { content, place: self.resolver.outside.place(&path) };
+        (kind.files)(params).unwrap_or_default().into_iter().map(place).collect()
     }
 
     /// The point of the `index`-th node of a cell.

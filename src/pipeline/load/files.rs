@@ -1,8 +1,15 @@
 //! The files of one reading.
 
-use std::path::Path;
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
-use crate::diag::{Sources, Span};
+use crate::{
+    diag::{Sources, Span},
+    digest::Digest,
+    stage::Outside,
+};
 
 /// A file in memory.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -30,6 +37,7 @@ pub type Reader<'a> = &'a dyn Fn(&str) -> Result<Source, String>;
 pub(super) struct Files<'r> {
     pub(super) sources: Sources,
     read: Reader<'r>,
+    pub(super) outside: &'r dyn Outside,
     known: Vec<File>,
 }
 
@@ -62,8 +70,8 @@ impl File {
 }
 
 impl<'r> Files<'r> {
-    pub(super) fn new(read: Reader<'r>) -> Self {
-        Self { sources: Sources::default(), read, known: Vec::new() }
+    pub(super) fn new(read: Reader<'r>, outside: &'r dyn Outside) -> Self {
+        Self { sources: Sources::default(), read, outside, known: Vec::new() }
     }
 
     /// Reads a file. A file that was read before keeps its places.
@@ -83,5 +91,29 @@ impl<'r> Files<'r> {
         let file = File { path: source.path.clone(), bytes: source.bytes.clone(), base, folder: folder.to_owned() };
         self.known.push(file.clone());
         file
+    }
+}
+
+/// What lies outside, as a file of a suite names it: from its own folder.
+pub(super) struct Beside<'a> {
+    pub(super) file: &'a File,
+    pub(super) outside: &'a dyn Outside,
+}
+
+impl Outside for Beside<'_> {
+    fn digest(&self, path: &str) -> Result<Digest, String> {
+        self.outside.digest(&self.file.beside(path))
+    }
+
+    fn place(&self, path: &str) -> PathBuf {
+        self.outside.place(&self.file.beside(path))
+    }
+
+    fn packages(&self, python: &str, names: &[String]) -> Result<BTreeMap<String, String>, String> {
+        self.outside.packages(python, names)
+    }
+
+    fn variable(&self, name: &str) -> Option<String> {
+        self.outside.variable(name)
     }
 }

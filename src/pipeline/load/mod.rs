@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     diag::{Diagnostic, Diagnostics},
-    stage::Kind,
+    stage::{Kind, NothingOutside, Outside},
 };
 use files::Files;
 
@@ -23,10 +23,11 @@ pub use files::{Reader, Source};
 /// # Errors
 /// All mistakes of the file and the arguments at once. A syntax error stops the reading.
 pub fn load(source: &Source, overrides: &Overrides, kinds: &'static [Kind]) -> Result<Graph, Diagnostics> {
-    load_with(source, overrides, kinds, &|_| Err("no other file can be read here".to_owned()))
+    load_with(source, overrides, kinds, &|_| Err("no other file can be read here".to_owned()), &NothingOutside)
 }
 
-/// Reads a pipeline file with the file that it extends, or a suite with its pipelines.
+/// Reads a pipeline file with the file that it extends, or a suite with its pipelines. Files that parameters name are
+/// looked up in `outside`, whose paths count from the folder of the file that is loaded.
 ///
 /// # Errors
 /// All mistakes of all files and the arguments at once.
@@ -35,8 +36,9 @@ pub fn load_with(
     overrides: &Overrides,
     kinds: &'static [Kind],
     read: Reader<'_>,
+    outside: &dyn Outside,
 ) -> Result<Graph, Diagnostics> {
-    let mut files = Files::new(read);
+    let mut files = Files::new(read, outside);
     let loaded = graph_of(source, overrides, kinds, &mut files);
     loaded.map_err(|mistakes| Diagnostics::new(files.sources, mistakes))
 }

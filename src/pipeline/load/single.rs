@@ -17,7 +17,7 @@ use crate::{
             tree::{Entry, Key, Table},
         },
     },
-    stage::Kind,
+    stage::{Kind, Outside},
 };
 
 /// Loads a pipeline that stands alone.
@@ -31,7 +31,8 @@ pub(super) fn load(
 ) -> Result<Graph, Vec<Diagnostic>> {
     let Some(document) = extended(table, file, files, &mut mistakes) else { return Err(mistakes) };
     let arguments = Argument::all(overrides, &mut files.sources);
-    let mut graph = graph_of(document, Additions::default(), &arguments, &files.sources, kinds, mistakes)?;
+    let mut graph =
+        graph_of(document, Additions::default(), &arguments, &files.sources, (kinds, files.outside), mistakes)?;
     graph.members[0].file.clone_from(&file.path);
     Ok(graph)
 }
@@ -51,7 +52,7 @@ pub(super) fn graph_of(
     additions: Additions,
     arguments: &[Argument],
     sources: &Sources,
-    kinds: &'static [Kind],
+    (kinds, outside): (&'static [Kind], &dyn Outside),
     mut mistakes: Vec<Diagnostic>,
 ) -> Result<Graph, Vec<Diagnostic>> {
     let Document { mut table, start, base } = document;
@@ -68,7 +69,7 @@ pub(super) fn graph_of(
     arguments::apply(&mut table, arguments, &mut changes, &mut mistakes);
     let parsed = top_level::pipeline(table, changes, &start, sources, &mut mistakes);
     let resolved = names::resolve(parsed, kinds, &mut mistakes);
-    let mut graph = graph::graph(&resolved, mistakes)?;
+    let mut graph = graph::graph(&resolved, outside, mistakes)?;
     graph.members[0].base = base;
     Ok(graph)
 }

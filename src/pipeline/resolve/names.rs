@@ -1,5 +1,7 @@
 //! Looks up kinds, ports, stages and axes.
 
+use serde_json::Value;
+
 use super::{
     axes,
     resolved::{Axis, Input, Pipeline, Reference, Stage, Target},
@@ -55,6 +57,8 @@ fn task(parsed: ParsedTask, axes: &[Axis], start: &Span, mistakes: &mut Vec<Diag
 
 fn stage(parsed: ParsedStage, names: &[String], kinds: &'static [Kind], mistakes: &mut Vec<Diagnostic>) -> Stage {
     let kind = kind(&parsed, kinds, mistakes);
+    let ports = parsed.inputs.iter().map(|input| input.port.text.as_str());
+    let kind = kind.map(|kind| kind.declared(&Value::Object(parsed.params.to_json()), ports));
     let count = parsed.inputs.len();
     let inputs = parsed.inputs.into_iter().filter_map(|one| input(one, kind, names, mistakes));
     let inputs: Vec<Input> = inputs.collect();

@@ -22,7 +22,7 @@ use crate::{
             tree::{Key, Table},
         },
     },
-    stage::{Kind, Preset, PresetOf, Refusal},
+    stage::{Kind, Outside, Preset, PresetOf, Refusal},
 };
 
 /// A stage's parameters in its first round or in the other rounds, at one point.
@@ -31,6 +31,7 @@ type ParamsAt = (usize, bool, Point);
 /// Computes tasks and parameters, once for each point at which they can differ.
 pub(crate) struct ParameterResolver<'a> {
     pipeline: &'a Pipeline,
+    pub(crate) outside: &'a dyn Outside,
     task_schema: Json,
     /// By the name of the kind.
     schemas: BTreeMap<&'static str, Json>,
@@ -41,10 +42,11 @@ pub(crate) struct ParameterResolver<'a> {
 }
 
 impl<'a> ParameterResolver<'a> {
-    pub(crate) fn new(pipeline: &'a Pipeline) -> Self {
+    pub(crate) fn new(pipeline: &'a Pipeline, outside: &'a dyn Outside) -> Self {
         let kinds = pipeline.stages.iter().filter_map(|stage| stage.kind);
         Self {
             pipeline,
+            outside,
             task_schema: task::schema(),
             schemas: kinds.map(|kind| (kind.name, (kind.schema)().to_value())).collect(),
             tasks: BTreeMap::new(),
@@ -142,8 +144,16 @@ impl<'a> ParameterResolver<'a> {
         let defaults = (kind.preset)(&PresetOf { preset, task: &task, given: &given });
         match explicit(kind, &self.schemas[kind.name], defaults, given) {
             Ok(params) => {
-                self.refuse_out_of_range(stage, kind, (&params, &task), &table, preset);
+                let count = self.mistakes.len();
+                let refusals = (kind.check)(&params, &task).unwrap_or_default();
+                self.refuse(refusals, stage, &table, preset);
                 self.refuse_without_inputs(stage, kind, &params);
+                self.refuse_other_declaration(stage, kind, &params, &table, preset);
+                if self.mistakes.len() > count {
+                    return Some(params);
+                }
+                let (params, refusals) = (kind.complete)(params, self.outside).ok()?;
+                self.refuse(refusals, stage, &table, preset);
                 Some(params)
             }
             // A mistake that is reported above was taken out of the table, and may be missed now.
@@ -194,15 +204,9 @@ impl<'a> ParameterResolver<'a> {
         chosen.unwrap_or(self.pipeline.preset)
     }
 
-    fn refuse_out_of_range(
-        &mut self,
-        stage: &Stage,
-        kind: &Kind,
-        (params, task): (&Json, &Task),
-        table: &Table,
-        preset: Preset,
-    ) {
-        for Refusal { path, why, help } in (kind.check)(params, task).unwrap_or_default() {
+    /// Reports refusals at the places of the values that they refuse.
+    fn refuse(&mut self, refusals: Vec<Refusal>, stage: &Stage, table: &Table, preset: Preset) {
+        for Refusal { path, why, help } in refusals {
             let message = format!("`{path}` {why}");
             self.mistakes.push(match table.find(path.split('.')) {
                 Some(value) => Diagnostic { help, ..Diagnostic::at(value.span.clone(), message) },
@@ -213,6 +217,20 @@ impl<'a> ParameterResolver<'a> {
                     mistake.help(format!("write `{path}` in `[stages.{}]`", stage.name))
                 }
             });
+        }
+    }
+
+    /// Refuses parameters that do not fit the inputs of a stage that declares its own, or that declare another output than
+    /// those written in the stage's table.
+    fn refuse_other_declaration(&mut self, stage: &Stage, kind: &Kind, params: &Json, table: &Table, preset: Preset) {
+        let Some(declare) = kind.declare.filter(|_| !stage.inputs_broken) else { return };
+        let inputs: Vec<&str> = stage.inputs.iter().map(|input| input.port.name).collect();
+        let declared = declare(params, &inputs);
+        self.refuse(declared.refusals, stage, table, preset);
+        if declared.output != kind.output {
+            let message = format!("`{}` gives {} here, but {} otherwise", stage.name, declared.output, kind.output);
+            let mistake = Diagnostic::at(stage.span.clone(), message);
+            self.mistakes.push(mistake.help("the type of an output cannot vary; write two stages"));
         }
     }
 

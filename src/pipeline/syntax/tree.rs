@@ -160,13 +160,16 @@ impl Table {
         }
     }
 
-    /// The value at a path, or the first value on the way that is not a table.
+    /// The value at a path, or the first value on the way that holds no others. A number leads into a list.
     pub(crate) fn find<'a>(&self, path: impl IntoIterator<Item = &'a str>) -> Option<&Tree> {
-        let mut path = path.into_iter().peekable();
+        let mut path = path.into_iter();
         let mut found = self.get(path.next()?)?;
-        while let (Some(part), Some(below)) = (path.peek(), found.value.as_table()) {
-            found = below.get(part)?;
-            path.next();
+        for part in path {
+            found = match &found.value {
+                Value::Table(below) => below.get(part)?,
+                Value::List(items) => part.parse().ok().and_then(|at: usize| items.get(at)).unwrap_or(found),
+                _ => return Some(found),
+            };
         }
         Some(found)
     }

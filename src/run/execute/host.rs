@@ -2,14 +2,22 @@
 
 use std::{
     collections::BTreeMap,
+    fs,
+    path::PathBuf,
     sync::{
         Mutex, PoisonError,
         atomic::{AtomicBool, AtomicU64, Ordering},
     },
 };
 
+use anyhow::Context as _;
+
 use crate::{
-    run::events::{Event, Events},
+    digest::Digest,
+    run::{
+        events::{Event, Events},
+        named_files::NamedFiles,
+    },
     stage::Host,
 };
 
@@ -24,16 +32,33 @@ pub(super) struct NodeHost<'a> {
     stop: &'a AtomicBool,
     next_progress_ms: AtomicU64,
     metrics: Mutex<BTreeMap<String, f64>>,
+    files: NamedFiles<'a>,
+    /// Where the folder of the node is made when it is asked for.
+    folder: PathBuf,
 }
 
 impl<'a> NodeHost<'a> {
-    pub(super) fn new(node: &'a str, round: Option<u32>, events: &'a Events<'a>, stop: &'a AtomicBool) -> Self {
-        Self { node, round, events, stop, next_progress_ms: AtomicU64::new(0), metrics: Mutex::default() }
+    pub(super) fn new(
+        (node, round): (&'a str, Option<u32>),
+        events: &'a Events<'a>,
+        stop: &'a AtomicBool,
+        files: NamedFiles<'a>,
+        folder: PathBuf,
+    ) -> Self {
+        let (next_progress_ms, metrics) = (AtomicU64::new(0), Mutex::default());
+        Self { node, round, events, stop, next_progress_ms, metrics, files, folder }
     }
 
     /// The metrics that the stage reported, the last value of each.
-    pub(super) fn into_metrics(self) -> BTreeMap<String, f64> {
-        self.metrics.into_inner().unwrap_or_else(PoisonError::into_inner)
+    pub(super) fn metrics(&self) -> BTreeMap<String, f64> {
+        self.metrics.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+impl Drop for NodeHost<'_> {
+    fn drop(&mut self) {
+        // A stage without a folder has none to remove. What cannot be removed is swept when the store is opened next.
+        _ = fs::remove_dir_all(&self.folder);
     }
 }
 
@@ -64,5 +89,14 @@ impl Host for NodeHost<'_> {
 
     fn stop_asked(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
+    }
+
+    fn folder(&self) -> anyhow::Result<PathBuf> {
+        let made = fs::create_dir(&self.folder).and_then(|()| fs::canonicalize(&self.folder));
+        made.with_context(|| format!("cannot make {}", self.folder.display()))
+    }
+
+    fn file(&self, content: Digest) -> anyhow::Result<PathBuf> {
+        self.files.verified(content)
     }
 }

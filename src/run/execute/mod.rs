@@ -22,6 +22,7 @@ use super::{
     events::{Event, Events, Listener, NodeState, RunState},
     manifest::Manifest,
     marks::Marks,
+    named_files,
     node::NodeRecord,
     plan::Force,
     runs::RunDir,
@@ -137,6 +138,8 @@ pub fn run(
 ) -> anyhow::Result<Report> {
     let dir = RunDir::create(runs)?;
     strays::sweep_links(runs);
+    let wanted = order.graph.nodes.iter().zip(&order.wanted).filter(|(_, wanted)| **wanted);
+    named_files::keep(&dir.path, wanted.flat_map(|(node, _)| &node.files));
     if order.note.is_some() {
         Marks { note: order.note.clone(), ..Marks::default() }.write(&dir.path)?;
     }

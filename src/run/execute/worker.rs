@@ -24,6 +24,7 @@ use crate::{
     run::{
         events::Events,
         job::{Job, JobInput},
+        named_files::NamedFiles,
     },
     stage::{InputFiles, Interrupted, Kind, StageCx},
     store::{self, Files, Key, NewEntry, NewRecording, Published, ResultStore},
@@ -74,7 +75,9 @@ impl<'a> Worker<'a> {
             Err(Unloaded::Refused(error)) => return Err(Failure::of_system(&error.into())),
         };
         let key = job.key();
-        let host = NodeHost::new(&job.node, job.round, self.context.events, self.context.stop);
+        let files = NamedFiles { run_dir: self.context.run_dir, files: &job.files };
+        let folder = self.context.store.scratch_path(&format!("work-{}-{}", self.context.run, key.digest.hex()));
+        let host = NodeHost::new((&job.node, job.round), self.context.events, self.context.stop, files, folder);
         let mut recorder = recording::start(self.context.run_dir, job, &key);
         let made = self.run_stage(kind, job, &inputs, threads, &mut recorder, &host);
         drop(inputs);
@@ -91,7 +94,8 @@ impl<'a> Worker<'a> {
     fn kind(&self, job: &Job) -> anyhow::Result<&'static Kind> {
         let (name, version) = (&job.work.kind, job.work.version);
         let kind = self.context.kinds.iter().find(|kind| kind.name == name && kind.version == version);
-        kind.copied().with_context(|| format!("this carl-pipe has no kind `{name}` of version {version}"))
+        let kind = kind.with_context(|| format!("this carl-pipe has no kind `{name}` of version {version}"))?;
+        Ok(kind.declared(&job.work.params, job.inputs.iter().map(|port| port.port.as_str())))
     }
 
     fn run_stage(
@@ -135,7 +139,7 @@ impl<'a> Worker<'a> {
             run: self.context.run,
             files: &made.files,
             recording,
-            metrics: made.host.into_metrics(),
+            metrics: made.host.metrics(),
             secs: made.start.elapsed().as_secs_f64(),
             recorder_secs: made.recorded.secs,
         })

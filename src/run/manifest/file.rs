@@ -101,6 +101,7 @@ impl Manifest {
         if manifest.nodes.iter().any(|record| record.about.member >= manifest.members.len()) {
             return Err(damaged("it names a pipeline that it does not list"));
         }
+        manifest.run_dir = Some(run_dir.to_owned());
         Ok(manifest)
     }
 

@@ -9,7 +9,7 @@ use crate::support::{
 use carl_pipe::{
     diag::Diagnostics,
     pipeline::{Graph, Source, dag_mermaid, dag_text, load, load_with},
-    stage::Arity,
+    stage::{Arity, NothingOutside},
 };
 use proptest::prelude::*;
 
@@ -22,7 +22,7 @@ fn read(bytes: &[u8], set: &[&str], sweep: &[&str]) {
 fn read_extending(base: &[u8]) {
     let file = "schema = 1\nextends = \"p.toml\"\nname = \"above\"\n[stages.represent]\nfirst.epochs = 3\n[matrix]\nseed = [1]\n";
     let base = |_: &str| Ok(Source::new("p.toml", base));
-    hold(load_with(&Source::new("above.toml", file), &overrides(&[], &[]), kinds(), &base));
+    hold(load_with(&Source::new("above.toml", file), &overrides(&[], &[]), kinds(), &base, &NothingOutside));
 }
 
 /// Checks the promises of a graph, or renders the mistakes: a wrong place would panic there.

@@ -7,6 +7,7 @@ use carl_pipe::{
     diag::Diagnostics,
     pipeline::{Graph, Source, load_with},
     run::{key, node::Work},
+    stage::NothingOutside,
 };
 use serde_json::json;
 
@@ -42,7 +43,7 @@ fn try_load(text: &str, set: &[&str], sweep: &[&str]) -> Result<Graph, Diagnosti
         "suite.toml" => Ok(Source::new(format!("folder/{path}"), suite)),
         _ => Err("No such file or directory".to_owned()),
     };
-    load_with(&Source::new("folder/short.toml", text), &overrides(set, sweep), kinds(), &read)
+    load_with(&Source::new("folder/short.toml", text), &overrides(set, sweep), kinds(), &read, &NothingOutside)
 }
 
 fn graph(text: &str, set: &[&str], sweep: &[&str]) -> Graph {

@@ -36,7 +36,8 @@ fn graph_with(text: &str, set: &[&str], sweep: &[&str]) -> Graph {
         let path = format!("pipelines/{name}");
         fs::read(&path).map(|bytes| Source::new(path, bytes)).map_err(|error| error.to_string())
     };
-    pipeline::load_with(&source, &overrides, stage::registry(), &read).unwrap_or_else(|mistakes| panic!("{mistakes:?}"))
+    pipeline::load_with(&source, &overrides, stage::registry(), &read, &stage::NothingOutside)
+        .unwrap_or_else(|mistakes| panic!("{mistakes:?}"))
 }
 
 #[test]

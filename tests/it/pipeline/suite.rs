@@ -7,6 +7,7 @@ use carl_pipe::{
     diag::Diagnostics,
     pipeline::{Graph, Source, load_with},
     run::{key::without_inputs, node::Work},
+    stage::NothingOutside,
 };
 
 const SUITE: &str = r#"schema = 1
@@ -50,7 +51,7 @@ fn try_load(text: &str, set: &[&str], sweep: &[&str]) -> Result<Graph, Diagnosti
         "suite.toml" => Ok(Source::new(format!("folder/{path}"), SUITE.as_bytes().to_vec())),
         _ => Err("No such file or directory".to_owned()),
     };
-    load_with(&Source::new("s.toml", text), &overrides(set, sweep), kinds(), &read)
+    load_with(&Source::new("s.toml", text), &overrides(set, sweep), kinds(), &read, &NothingOutside)
 }
 
 fn suite(set: &[&str], sweep: &[&str]) -> Graph {

@@ -42,6 +42,9 @@ fn adder(name: &'static str, version: u32) -> Kind {
         canonical: |params| Ok(params.clone()),
         check: |_, _| Ok(Vec::new()),
         needs: |_| Ok(&[]),
+        complete: |params, _| Ok((params, Vec::new())),
+        files: |_| Ok(Vec::new()),
+        declare: None,
         run: add,
     }
 }
@@ -117,6 +120,7 @@ pub fn graph(nodes: &[(&str, Value, &[&str])]) -> Graph {
             kind: kind("add").unwrap(),
             params: params.clone(),
             task: serde_json::from_value(json!({"env": "planar"})).unwrap(),
+            files: Vec::new(),
             platform: carl_pipe::num::PLATFORM,
             stream: Stream { seed: 0, kind: "add".to_owned(), round: 0, stream: None },
             inputs: vec![(&PORTS[0], sources)],

@@ -8,7 +8,7 @@ mod parsed;
 
 use super::{
     extends::{Document, extended},
-    files::{File, Files},
+    files::{Beside, File, Files},
     single::{Additions, graph_of},
 };
 use crate::{
@@ -58,7 +58,8 @@ pub(super) fn load(
         let own: Vec<Argument> =
             arguments.iter().filter_map(|one| of_member(one, &parsed.name, &names, known)).collect();
         let additions = additions(parsed, &suite.set, &own, known);
-        match graph_of(document, additions, &own, &files.sources, kinds, Vec::new()) {
+        let outside = Beside { file: &file, outside: files.outside };
+        match graph_of(document, additions, &own, &files.sources, (kinds, &outside), Vec::new()) {
             Ok(loaded) => join(&mut graph, &parsed.name, &file, loaded),
             Err(wrong) => mistakes.extend(wrong),
         }
