@@ -1,6 +1,12 @@
 //! Digests of bytes with blake3. Equal digests mean equal bytes.
 
-use std::{fmt, io, str::FromStr};
+use std::{
+    fmt,
+    fs::{self, File},
+    io,
+    path::Path,
+    str::FromStr,
+};
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 use serde_json::Value;
@@ -32,6 +38,22 @@ impl Digest {
         let mut hasher = blake3::Hasher::new();
         hasher.update_reader(reader)?;
         Ok(Self(*hasher.finalize().as_bytes()))
+    }
+
+    /// The digest of a file, or of all files below a folder with their names.
+    ///
+    /// # Errors
+    /// Something cannot be read.
+    pub fn of_path(path: &Path) -> io::Result<Self> {
+        if !path.is_dir() {
+            return File::open(path).and_then(Self::of_reader);
+        }
+        let mut files = Vec::new();
+        for item in fs::read_dir(path)? {
+            let item = item?;
+            files.push((item.file_name().to_string_lossy().into_owned(), Self::of_path(&item.path())?));
+        }
+        Ok(Self::of_files(files.iter().map(|(name, digest)| (name.as_str(), *digest))))
     }
 
     /// The digest of a JSON value. The order of its keys does not matter.

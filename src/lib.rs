@@ -1,5 +1,6 @@
 //! carl-pipe: declarative, cached, replayable pipelines for control-aware representation learning from pixels.
 
+pub mod arrays;
 pub mod artifact;
 pub mod cli;
 pub mod control;
@@ -11,6 +12,7 @@ pub mod lce;
 pub mod nn;
 pub mod node_name;
 pub mod num;
+pub mod onnx;
 pub mod pipeline;
 pub mod program;
 pub mod record;

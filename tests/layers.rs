@@ -49,9 +49,12 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
             ("env", "an evaluation names its starts"),
         ],
     ),
+    ("arrays", &[("artifact", "safetensors files"), ("store", "what a file holds")]),
+    ("onnx", &[("nn", "layers and patches"), ("lce", "the encoder"), ("control", "the actor")]),
     (
         "stage",
         &[
+            ("arrays", "data of other programs"),
             ("diag", "the symmetry that was probably meant"),
             ("digest", "the content of files that parameters name"),
             ("program", "a user's own program as a stage"),
@@ -108,6 +111,8 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
     (
         "cli",
         &[
+            ("arrays", ""),
+            ("onnx", ""),
             ("report", ""),
             ("run", ""),
             ("store", ""),

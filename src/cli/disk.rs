@@ -4,7 +4,6 @@ use std::{
     cell::RefCell,
     collections::BTreeMap,
     env,
-    fs::{self, File},
     path::{Path, PathBuf},
     process::{Command, Stdio},
 };
@@ -51,13 +50,7 @@ impl<'a> Disk<'a> {
 impl Outside for Disk<'_> {
     fn digest(&self, path: &str) -> Result<Digest, String> {
         let path = self.place(path);
-        let read = |path: &PathBuf| {
-            if fs::metadata(path).is_ok_and(|meta| meta.is_dir()) {
-                return Err("it is a folder".to_owned());
-            }
-            let digest = File::open(path).and_then(Digest::of_reader);
-            digest.map_err(|error| out::tidy(&error.to_string()))
-        };
+        let read = |path: &PathBuf| Digest::of_path(path).map_err(|error| out::tidy(&error.to_string()));
         self.digests.borrow_mut().entry(path).or_insert_with_key(read).clone()
     }
 

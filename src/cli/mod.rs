@@ -7,8 +7,12 @@ mod disk;
 mod doctor;
 mod du;
 mod exit;
+mod export;
+mod export_policy;
 mod file;
+mod finished_node;
 mod gc;
+mod init;
 mod live;
 mod log;
 mod mark;
@@ -42,6 +46,7 @@ pub use self::{
 };
 use crate::{
     diag::visible,
+    pipeline,
     run::{manifest::Manifest, runs},
     stage::Kind,
     store::LocalStore,
@@ -130,6 +135,10 @@ enum Verb {
     Dag(dag::Args),
     /// Describe the kinds of stages with their inputs and parameters.
     Stages(dag::StagesArgs),
+    /// Print the JSON schema of pipeline files, for editors.
+    Schema,
+    /// Write a commented pipeline to start from.
+    Init(init::Args),
     /// List runs, newest first.
     Log(log::Args),
     /// Show the results of a run and the paths of their files.
@@ -142,6 +151,10 @@ enum Verb {
     Table(table::Args),
     /// Compare two runs: parameters, metrics with their uncertainty, outputs.
     Compare(compare::Args),
+    /// Write the arrays of a node's output as a file of NumPy.
+    Export(export::Args),
+    /// Write a trained policy as an ONNX file, from pictures to actions.
+    ExportPolicy(export_policy::Args),
     /// Run a recorded run again in an empty store and compare every output and recording.
     Replay(replay::Args),
     /// Read all results and recordings and name what is damaged; `--repair` makes it again.
@@ -220,12 +233,19 @@ fn start(cli: Cli, argv: &[OsString], kinds: &'static [Kind]) -> Result<Exit, Er
         Verb::Why(args) => why::why(&global, &args, kinds),
         Verb::Dag(args) => dag::dag(&args, kinds),
         Verb::Stages(args) => dag::stages(&args, kinds),
+        Verb::Schema => {
+            out::json(&pipeline::schema(kinds));
+            Ok(Exit::Ok)
+        }
+        Verb::Init(args) => init::init(&args),
         Verb::Log(args) => log::log(&global, &args, kinds),
         Verb::Show(args) => show::show(&global, &args),
         Verb::View(args) => view::view(&global, &args),
         Verb::Plot(args) => plot::plot(&global, &args, kinds),
         Verb::Table(args) => table::table(&global, &args, kinds),
         Verb::Compare(args) => compare::compare(&global, &args, kinds),
+        Verb::Export(args) => export::export(&global, &args),
+        Verb::ExportPolicy(args) => export_policy::export_policy(&global, &args, kinds),
         Verb::Replay(args) => same_bits_everywhere().and_then(|()| replay::replay(&global, &args, kinds)),
         Verb::Verify(args) => same_bits_everywhere().and_then(|()| verify::verify_verb(&global, &args, kinds)),
         Verb::Doctor(args) => doctor::doctor(&global, &args),

@@ -14,5 +14,5 @@ mod syntax;
 
 pub use graph::node::{BaseFile, Graph, Member, Node, NodeFile, NodeId};
 pub use load::{Reader, Source, load, load_with};
-pub use show::{dag_mermaid, dag_text, dag_text_expanded, stages_json, stages_text};
+pub use show::{dag_mermaid, dag_text, dag_text_expanded, schema, stages_json, stages_text};
 pub use syntax::arguments::Overrides;

@@ -3,7 +3,7 @@
 
 use std::{
     collections::BTreeSet,
-    fs::{self, File},
+    fs,
     path::{Path, PathBuf},
 };
 
@@ -30,7 +30,7 @@ impl NamedFiles<'_> {
         let named = self.files.iter().find(|file| file.content == content).map(|file| &file.place);
         let place = if copy.exists() { copy } else { named.context("the node names no such file")?.clone() };
         let read = || format!("cannot read {}", place.display());
-        let found = File::open(&place).and_then(Digest::of_reader).with_context(read)?;
+        let found = Digest::of_path(&place).with_context(read)?;
         ensure!(found == content, "{} has changed since the run was planned", place.display());
         Ok(place)
     }

@@ -23,7 +23,7 @@ use readers::reader;
 /// The kind `command`. Raise its version when the same parameters and inputs would give other bytes.
 pub(super) fn kind() -> Kind {
     let about = "runs a program of your own; the files that it writes are the output";
-    Kind { declare: Some(declare), ..Kind::with::<Params>("command", 1, about, "files", run) }
+    Kind { declare: Some(declare), repeats: false, ..Kind::with::<Params>("command", 1, about, "files", run) }
 }
 
 /// What a stage declares: its inputs by name, and the type of its output.

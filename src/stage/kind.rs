@@ -6,8 +6,8 @@ use serde_json::Value;
 use super::{
     ANY, Declared, InputFiles, Inputs as _, Memory, NamedFile, Outside, Params, Port, PresetOf, Refusal, Stage,
     StageCx, collect, command, control_ilqr, control_solar, declared, distill_policy, divergence, evaluate,
-    export_latent_map, generate_data, generate_trajectories, memory, network_sizes, summarize, train_lce, train_sac,
-    train_solar,
+    export_latent_map, generate_data, generate_trajectories, import_data, memory, network_sizes, summarize, train_lce,
+    train_sac, train_solar,
 };
 use crate::{
     artifact::{Artifact as _, Files, must_be_finite},
@@ -24,6 +24,8 @@ pub struct Kind {
     pub about: &'static str,
     /// See [`Stage::HEADLINE`].
     pub headline: Option<&'static str>,
+    /// See [`Stage::REPEATS`].
+    pub repeats: bool,
     /// The inputs it takes.
     pub ports: &'static [Port],
     /// The type of its artifact; see [`Artifact::TYPE`].
@@ -76,6 +78,7 @@ impl Kind {
     pub fn of<S: Stage>() -> Self {
         Self {
             headline: S::HEADLINE,
+            repeats: S::REPEATS,
             ports: S::Inputs::PORTS,
             readable_as: S::Output::READABLE_AS,
             ..Self::with::<S::Params>(S::KIND, S::VERSION, S::ABOUT, S::Output::TYPE, run::<S>)
@@ -95,6 +98,7 @@ impl Kind {
             version,
             about,
             headline: None,
+            repeats: true,
             ports: &[],
             output,
             readable_as: &[],
@@ -158,6 +162,7 @@ fn built_in() -> Vec<Kind> {
     vec![
         Kind::of::<generate_data::GenerateData>(),
         Kind::of::<generate_trajectories::GenerateTrajectories>(),
+        Kind::of::<import_data::ImportData>(),
         Kind::of::<collect::Collect>(),
         Kind::of::<train_lce::TrainLce>(),
         Kind::of::<distill_policy::DistillPolicy>(),

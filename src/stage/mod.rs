@@ -16,6 +16,7 @@ mod export_latent_map;
 mod fits;
 mod generate_data;
 mod generate_trajectories;
+mod import_data;
 mod inputs;
 mod kind;
 pub(crate) mod memory;
@@ -63,6 +64,8 @@ pub trait Stage: 'static {
     /// The metric that models are judged by, where this stage measures one model: tables, charts and the closing line
     /// of a run show it. `None` for every other stage.
     const HEADLINE: Option<&'static str> = None;
+    /// Whether two stages of the kind with the same random stream repeat each other, as far as their inputs are equal.
+    const REPEATS: bool = true;
     /// The parameters that a pipeline file may set.
     type Params: Params;
     /// The artifacts that other stages hand in.

@@ -10,6 +10,6 @@ pub(crate) mod points;
 pub(crate) mod resolved;
 mod schema;
 mod streams;
-mod task;
+pub(crate) mod task;
 pub(crate) mod types;
 mod wiring;

@@ -41,7 +41,11 @@ fn repeats(one: &Stage, other: &Stage, rounds: u32) -> bool {
         (None, Some(from)) | (Some(from), None) => from == 0,
         (Some(from), Some(other_from)) => from.max(other_from) < rounds,
     };
-    kind.name == other_kind.name && one.stream == other.stream && share_a_round && sources(one) == sources(other)
+    kind.repeats
+        && kind.name == other_kind.name
+        && one.stream == other.stream
+        && share_a_round
+        && sources(one) == sources(other)
 }
 
 /// What a stage takes, in whatever order the file lists its inputs.

@@ -5,7 +5,7 @@ use serde_json::{Map, Value as Json, json};
 use crate::env::{OptionValue, registry};
 
 /// The keys that the tasks know, and the type of each. An option of another task is refused later, by the task.
-pub(super) fn schema() -> Json {
+pub(crate) fn schema() -> Json {
     let names: Vec<&str> = registry().iter().map(|kind| kind.name).collect();
     let mut properties = Map::new();
     properties.insert("env".to_owned(), json!({ "enum": names }));

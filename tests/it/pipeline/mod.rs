@@ -5,5 +5,6 @@ mod expand;
 mod extends;
 mod mistakes;
 mod render;
+mod schema;
 mod shipped;
 mod suite;

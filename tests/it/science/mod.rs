@@ -13,6 +13,7 @@ mod golden_solar;
 mod gradients;
 mod instruction_sets;
 mod map_checks;
+mod onnx_policy;
 mod pinned_digests;
 mod resume;
 mod solar;

@@ -34,6 +34,7 @@ fn adder(name: &'static str, version: u32) -> Kind {
         version,
         about: "adds its terms",
         headline: Some("total"),
+        repeats: true,
         ports: &PORTS,
         output: "number",
         readable_as: &[],
