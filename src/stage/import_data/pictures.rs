@@ -20,7 +20,7 @@ pub(super) struct Pictures {
 impl Pictures {
     /// Takes pictures of the shape `[n, height, width]`, also with channels behind, or with frames or one channel before.
     pub(super) fn new(array: Array, frames: Frames, threshold: Option<u8>) -> anyhow::Result<Self> {
-        let Frames { height, width, count } = frames;
+        let Frames { height, width, count, .. } = frames;
         let shape = array.shape.clone();
         let (own_height, channels) = match shape[..] {
             [_, own, columns] if columns == width => (own, 1),
