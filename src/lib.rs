@@ -2,6 +2,7 @@
 
 pub mod arrays;
 pub mod artifact;
+pub mod child;
 pub mod cli;
 pub mod control;
 pub mod diag;

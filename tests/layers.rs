@@ -17,7 +17,15 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
     ("record", &[("failpoint", "faults that tests want")]),
     ("num", &[]),
     ("nn", &[("num", "random weights, portable math, vectors, threads")]),
-    ("env", &[("num", "random starts, goals and noise; portable math")]),
+    ("child", &[]),
+    (
+        "env",
+        &[
+            ("num", "random starts, goals and noise; portable math"),
+            ("child", "an environment in another process"),
+            ("digest", "the content of its program"),
+        ],
+    ),
     ("lce", &[("num", "random weights and noise"), ("nn", "networks")]),
     (
         "solar",

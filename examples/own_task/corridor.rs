@@ -34,7 +34,7 @@ pub static TASK: TaskKind = TaskKind {
             seen.reverse_action();
         },
     }],
-    networks: NetworkSizes {
+    networks: |_| NetworkSizes {
         latent: 2,
         is_convolutional: false,
         encoder: [32, 32],
@@ -53,7 +53,7 @@ pub static TASK: TaskKind = TaskKind {
 
 pub fn spec(task: &Task) -> Spec {
     Spec {
-        frames: Frames { height: HEIGHT, width: WIDTH, count: 1 },
+        frames: Frames::black_and_white(HEIGHT, WIDTH, 1),
         action_limit: vec![task.number("push")],
         horizon: 20,
         goals: 2,

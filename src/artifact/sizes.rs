@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     lce::{BackwardSizes, Differences, ImageNetworks, PassiveDynamics, SharedFrames, Sizes, shared_frames::FRAMES},
-    nn::binary_images::PooledPatches,
+    nn::binary_images::{Likelihood, PooledPatches},
 };
 
 /// [`Sizes`] with the names and in the order of the file.
@@ -13,6 +13,8 @@ use crate::{
 #[serde(deny_unknown_fields)]
 pub(super) struct SizesFile {
     pixels: usize,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    shades: Option<Likelihood>,
     latent: usize,
     action: usize,
     /// Frames, rows and columns, of convolutional networks.
@@ -76,6 +78,7 @@ impl From<&Sizes> for SizesFile {
         }
         Self {
             pixels: sizes.pixels,
+            shades: sizes.shades,
             latent: sizes.latent,
             action: sizes.action,
             convolution,
@@ -106,6 +109,7 @@ impl TryFrom<SizesFile> for Sizes {
         let [z, u, x, joint] = file.backward;
         let sizes = Self {
             pixels: file.pixels,
+            shades: file.shades,
             latent: file.latent,
             action: file.action,
             images,
@@ -127,6 +131,9 @@ fn check(sizes: &Sizes) -> anyhow::Result<()> {
     let &Sizes { pixels, latent, action, encoder, decoder, dynamics, backward, .. } = sizes;
     let BackwardSizes { z, u, x, joint } = backward;
     check_widths([pixels, latent, action, z, u, x, joint].iter().chain(&encoder).chain(&decoder).chain(&dynamics))?;
+    if let Some(Likelihood::Gaussian(noise)) = sizes.shades {
+        ensure!(noise.sigma.is_finite() && noise.sigma > 0.0, "the deviation of pixels is {}", noise.sigma);
+    }
     ensure!(!(sizes.jacobian_heads && sizes.locally_linear), "a locally linear F has no heads for slopes");
     match sizes.images {
         ImageNetworks::Dense => {}

@@ -17,7 +17,7 @@ pub struct Trajectories {
     pub action_dim: usize,
     /// Where each episode begins among the steps, then the number of all steps.
     pub bounds: Vec<u32>,
-    /// x, one picture after the other, 0 or 255.
+    /// x, one picture after the other, from 0 for black to 255 for white.
     pub observations: Vec<u8>,
     /// u in -1..1, one after the other.
     pub actions: Vec<f32>,

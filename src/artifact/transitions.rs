@@ -14,7 +14,7 @@ pub struct Transitions {
     pub picture: (usize, usize),
     /// Components of an action.
     pub action_dim: usize,
-    /// x, one picture after the other, 0 or 255.
+    /// x, one picture after the other, from 0 for black to 255 for white.
     pub observations: Vec<u8>,
     /// u in -1..1, one after the other.
     pub actions: Vec<f32>,

@@ -55,14 +55,15 @@ pub(crate) fn load(path: &Path, changes: &ChangeArgs, kinds: &'static [Kind], js
     let shown = path.display().to_string();
     let bytes = fs::read(path).map_err(|error| unreadable(path, &error))?;
     let overrides = Overrides { set: changes.set.clone(), sweep: changes.sweep.clone() };
-    let source = Source::new(shown, bytes);
     let folder = path.parent().unwrap_or(Path::new(""));
+    let source = Source::new(shown, bytes).in_folder(folder);
     let files = RefCell::new(vec![path.to_owned()]);
     let read = |path: &str| {
         let path = folder.join(path);
         files.borrow_mut().push(path.clone());
         let bytes = fs::read(&path).map_err(|error| out::tidy(&error.to_string()))?;
-        Ok(Source::new(path.display().to_string(), bytes))
+        let folder = path.parent().unwrap_or(Path::new(""));
+        Ok(Source::new(path.display().to_string(), bytes).in_folder(folder))
     };
     let disk = Disk::new(folder);
     let loaded = pipeline::load_with(&source, &overrides, kinds, &read, &disk);

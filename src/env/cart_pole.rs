@@ -38,7 +38,7 @@ pub(super) const TASK: TaskKind = TaskKind {
     options: &[TaskOption::NOISE, TaskOption::STEP],
     world: World::System(|task| Box::new(CartPole { noise: task.number("noise"), step: task.number("step") })),
     symmetries: &[pole::MIRROR, SHIFT],
-    networks: NetworkSizes {
+    networks: |_| NetworkSizes {
         latent: 8,
         is_convolutional: true,
         encoder: [1000, 200],
@@ -180,7 +180,7 @@ fn slope(&[theta, omega, _, v]: &[f64; 4], force: f64) -> [f64; 4] {
 
 impl System for CartPole {
     fn frames(&self) -> Frames {
-        Frames { height: SIDE, width: SIDE, count: 2 }
+        Frames::black_and_white(SIDE, SIDE, 2)
     }
 
     fn action_limit(&self) -> &[f64] {

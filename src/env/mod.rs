@@ -8,6 +8,7 @@ mod ode;
 mod planar;
 mod planner;
 mod pole;
+pub mod process;
 mod registry;
 mod simulator;
 mod swing_up;

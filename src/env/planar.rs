@@ -26,7 +26,7 @@ pub(super) const TASK: TaskKind = TaskKind {
     world: World::System(|task| Box::new(Planar { noise: task.number("noise") })),
     // The obstacles are symmetric about 20.5, the walls about 20. So no mirror is a symmetry.
     symmetries: &[],
-    networks: NetworkSizes {
+    networks: |_| NetworkSizes {
         latent: 2,
         is_convolutional: false,
         encoder: [300, 300],
@@ -106,7 +106,7 @@ fn sample_below(rng: &mut Rng, high: f64) -> Vec<f64> {
 
 impl System for Planar {
     fn frames(&self) -> Frames {
-        Frames { height: SIDE, width: SIDE, count: 1 }
+        Frames::black_and_white(SIDE, SIDE, 1)
     }
 
     fn action_limit(&self) -> &[f64] {

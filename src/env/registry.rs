@@ -5,7 +5,8 @@ use std::{ops::RangeInclusive, sync::OnceLock};
 use serde_json::Value;
 
 use super::{
-    DefaultsOf, NetworkSizes, Simulator, Spec, Start, Symmetry, System, Task, cart_pole, planar, swing_up, three_pole,
+    DefaultsOf, NetworkSizes, Simulator, Spec, Start, Symmetry, System, Task, cart_pole, planar, process, swing_up,
+    three_pole,
 };
 
 /// One task. Its file declares everything that depends on the task.
@@ -21,7 +22,7 @@ pub struct TaskKind {
     /// Exact symmetries of the dynamics and the pictures, which training may apply to its transitions.
     pub symmetries: &'static [Symmetry],
     /// Widths of the networks that learn this task.
-    pub networks: NetworkSizes,
+    pub networks: fn(&Task) -> NetworkSizes,
     /// Parameters of a stage kind that differ from the kind's general preset, as a table that is laid over it.
     pub defaults: fn(&DefaultsOf<'_>) -> Value,
     /// Mean %-goal of the best controller known, with the task's own goals and radius, counting T+1 states; `None` with
@@ -43,6 +44,8 @@ pub enum World {
         /// Starts the simulator.
         open: fn(&Task) -> anyhow::Result<Box<dyn Simulator>>,
     },
+    /// A program that `[task]` names, in another process.
+    Process,
 }
 
 impl std::fmt::Debug for TaskKind {
@@ -112,7 +115,7 @@ impl OptionValue {
 }
 
 /// The tasks that come with the program.
-const BUILT_IN: [&TaskKind; 4] = [&planar::TASK, &swing_up::TASK, &cart_pole::TASK, &three_pole::TASK];
+const BUILT_IN: [&TaskKind; 5] = [&planar::TASK, &swing_up::TASK, &cart_pole::TASK, &three_pole::TASK, &process::TASK];
 
 static REGISTRY: OnceLock<Vec<&'static TaskKind>> = OnceLock::new();
 

@@ -44,7 +44,7 @@ pub(super) const TASK: TaskKind = TaskKind {
         Box::new(SwingUp { noise, step, torque })
     }),
     symmetries: &[pole::MIRROR],
-    networks: NetworkSizes {
+    networks: |_| NetworkSizes {
         latent: 3,
         is_convolutional: false,
         encoder: [500, 500],
@@ -139,7 +139,7 @@ fn acceleration(theta: f64, u: f64) -> f64 {
 
 impl System for SwingUp {
     fn frames(&self) -> Frames {
-        Frames { height: SIDE, width: SIDE, count: 2 }
+        Frames::black_and_white(SIDE, SIDE, 2)
     }
 
     fn action_limit(&self) -> &[f64] {

@@ -2,14 +2,18 @@
 //!
 //! A table may name an option that belongs to another task. [`Task::check`] refuses it, since it would change nothing.
 
+use std::path::Path;
+
 use serde::{
     Deserialize, Deserializer, Serialize, Serializer,
     de::{DeserializeSeed, Error as _, MapAccess, Visitor},
-    ser::SerializeMap as _,
+    ser::{Error as _, SerializeMap as _},
 };
+use serde_json::{Map, Value};
 
 use super::{
     DefaultsOf, NetworkSizes, Simulator, Spec, Start, System,
+    process::{self, Program, Unusable},
     registry::{OptionValue, TaskKind, TaskOption, World, registry, task_kind},
     simulate,
 };
@@ -21,11 +25,14 @@ pub struct Task {
     pub kind: &'static TaskKind,
     /// The options of the kind in its order, and after them those that the kind does not have.
     options: Vec<(&'static str, OptionValue)>,
+    /// The program of an environment in another process.
+    program: Option<Box<Program>>,
 }
 
 impl PartialEq for Task {
     fn eq(&self, other: &Self) -> bool {
-        self.name() == other.name() && self.options == other.options
+        let of_program = |task: &Self| task.program.as_ref().map(|program| program.in_key());
+        self.name() == other.name() && self.options == other.options && of_program(self) == of_program(other)
     }
 }
 
@@ -54,14 +61,20 @@ impl Task {
         match self.kind.world {
             World::System(system) => Ok(simulate(system(self))),
             World::Simulator { open, .. } => open(self),
+            World::Process => process::open(self.program()),
         }
+    }
+
+    /// The command and the options of its program; `None` where it has none.
+    pub fn program_and_options(&self) -> Option<(&[String], &Map<String, Value>)> {
+        self.program.as_ref().map(|program| (&program.command[..], &program.options))
     }
 
     /// The equations of the task; `None` where only a simulator knows them.
     pub fn system(&self) -> Option<Box<dyn System>> {
         match self.kind.world {
             World::System(system) => Some(system(self)),
-            World::Simulator { .. } => None,
+            World::Simulator { .. } | World::Process => None,
         }
     }
 
@@ -70,7 +83,48 @@ impl Task {
         match self.kind.world {
             World::System(system) => system(self).spec(),
             World::Simulator { spec, .. } => spec(self),
+            World::Process => self.program().spec(),
         }
+    }
+
+    /// The program of a task in another process.
+    fn program(&self) -> &Program {
+        self.program.as_ref().expect("a task of the kind `process` has a program")
+    }
+
+    /// Looks at the program of a task in another process: its files, which lie below `folder`, its versions, and what it
+    /// says of itself. Other tasks stay as they are.
+    ///
+    /// # Errors
+    /// Why no environment can run.
+    pub fn look(mut self, folder: Option<&Path>) -> Result<Self, Unusable> {
+        if let Some(program) = self.program.take() {
+            let why = "a program needs a pipeline file in a folder, where it can run".to_owned();
+            let folder = folder.ok_or(Unusable { key: "command", why })?;
+            self.program = Some(Box::new(program.look(folder)?));
+        }
+        Ok(self)
+    }
+
+    /// The same task with a log of its own: see [`Task::take_log`].
+    #[must_use]
+    pub fn with_own_log(&self) -> Self {
+        let program = self.program.as_ref().map(|program| Box::new(program.with_own_log()));
+        Self { program, ..self.clone() }
+    }
+
+    /// What its program wrote to standard error since the last call, line by line.
+    pub fn take_log(&self) -> Vec<String> {
+        self.program.as_ref().map(|program| program.log().take()).unwrap_or_default()
+    }
+
+    /// What keys hold of the task.
+    pub fn in_key(&self) -> Map<String, Value> {
+        let mut table = Map::from_iter([("env".to_owned(), Value::from(self.name()))]);
+        let options = self.options.iter().map(|(name, value)| ((*name).to_owned(), serde_json::json!(value)));
+        table.extend(options);
+        table.extend(self.program.iter().flat_map(|program| program.in_key()));
+        table
     }
 
     /// Mean %-goal of the best controller known from these starts, with the task's own goals and radius. None was measured
@@ -85,8 +139,8 @@ impl Task {
     }
 
     /// Widths of the networks that learn this task.
-    pub fn networks(&self) -> &'static NetworkSizes {
-        &self.kind.networks
+    pub fn networks(&self) -> NetworkSizes {
+        (self.kind.networks)(self)
     }
 
     /// Parameters of a stage kind that differ from the kind's general preset, as a table that is laid over it.
@@ -122,12 +176,16 @@ impl Task {
 
     /// Every option that the task does not have, or whose value is out of range.
     pub fn check(&self) -> Vec<RefusedOption> {
-        self.options.iter().filter_map(|(name, value)| self.refuse(name, value.as_f64())).collect()
+        let options = self.options.iter().filter_map(|(name, value)| self.refuse(name, value.as_f64()));
+        let of_program = self.program.iter().flat_map(|program| program.refusals());
+        options.chain(of_program.map(|(name, why)| RefusedOption { name, why, help: None })).collect()
     }
 
     fn refuse(&self, name: &'static str, value: f64) -> Option<RefusedOption> {
         let Some(option) = self.kind.options.iter().find(|option| option.name == name) else {
-            let known: Vec<String> = self.kind.options.iter().map(|option| format!("`{}`", option.name)).collect();
+            let of_program = self.program.iter().flat_map(|_| process::fields()).map(|(name, _)| name);
+            let known = self.kind.options.iter().map(|option| option.name).chain(of_program);
+            let known: Vec<String> = known.map(|name| format!("`{name}`")).collect();
             let help = if known.is_empty() { "it has none".to_owned() } else { format!("it has {}", known.join(", ")) };
             return Some(RefusedOption { name, why: format!("is no option of `{}`", self.name()), help: Some(help) });
         };
@@ -138,10 +196,16 @@ impl Task {
 
 impl Serialize for Task {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut table = serializer.serialize_map(Some(1 + self.options.len()))?;
+        let mut table = serializer.serialize_map(None)?;
         table.serialize_entry("env", self.name())?;
         for (name, value) in &self.options {
             table.serialize_entry(name, value)?;
+        }
+        if let Some(program) = &self.program {
+            let program = serde_json::to_value(program).map_err(S::Error::custom)?;
+            for (name, value) in program.as_object().into_iter().flatten() {
+                table.serialize_entry(name, value)?;
+            }
         }
         table.end()
     }
@@ -164,14 +228,23 @@ impl<'de> Visitor<'de> for TaskVisitor {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut table: A) -> Result<Task, A::Error> {
-        let (mut kind, mut given) = (None, Vec::new());
+        let (mut kind, mut given, mut of_program) = (None, Vec::new(), Map::new());
         while let Some(key) = table.next_key_seed(KeySeed)? {
             match key {
                 TaskKey::Env => kind = Some(table.next_value_seed(KindSeed)?),
                 TaskKey::Option(option) => given.push((option.name, table.next_value_seed(ValueSeed(option))?)),
+                TaskKey::Program(name) => _ = of_program.insert(name.to_owned(), table.next_value::<Value>()?),
             }
         }
         let kind: &'static TaskKind = kind.ok_or_else(|| A::Error::missing_field("env"))?;
+        let program = if matches!(kind.world, World::Process) {
+            Some(serde_json::from_value(Value::Object(of_program)).map_err(A::Error::custom)?)
+        } else {
+            // `check` refuses them as options of another task. Their values do not matter.
+            let names = process::fields().into_iter().map(|(name, _)| name);
+            given.extend(names.filter(|name| of_program.contains_key(*name)).map(|name| (name, OptionValue::Count(0))));
+            None
+        };
         let mut options: Vec<_> = kind.options.iter().map(|option| (option.name, option.default)).collect();
         for (name, value) in given {
             match options.iter_mut().find(|(known, _)| *known == name) {
@@ -179,7 +252,7 @@ impl<'de> Visitor<'de> for TaskVisitor {
                 None => options.push((name, value)),
             }
         }
-        Ok(Task { kind, options })
+        Ok(Task { kind, options, program })
     }
 }
 
@@ -188,6 +261,8 @@ enum TaskKey {
     Env,
     /// An option of some task, perhaps of another one.
     Option(&'static TaskOption),
+    /// A key of a program.
+    Program(&'static str),
 }
 
 struct KeySeed;
@@ -214,6 +289,10 @@ impl Visitor<'_> for KeySeed {
         let options = || registry().iter().flat_map(|kind| kind.options);
         if let Some(option) = options().find(|option| option.name == name) {
             return Ok(TaskKey::Option(option));
+        }
+        let of_program = process::fields().map(|(name, _)| name).into_iter().chain(process::MEMORY);
+        if let Some(found) = of_program.clone().find(|known| *known == name) {
+            return Ok(TaskKey::Program(found));
         }
         let mut known = vec!["env"];
         options().for_each(|option| known.extend((!known.contains(&option.name)).then_some(option.name)));

@@ -55,7 +55,7 @@ pub(super) const TASK: TaskKind = TaskKind {
         Box::new(ThreePole { noise: task.number("noise"), step: task.number("step"), links: task.count("links") })
     }),
     symmetries: &[pole::MIRROR],
-    networks: NetworkSizes {
+    networks: |_| NetworkSizes {
         latent: 8,
         is_convolutional: true,
         encoder: [1000, 500],
@@ -254,7 +254,7 @@ fn is_upright(state: &[f64], reach: f64) -> bool {
 
 impl System for ThreePole {
     fn frames(&self) -> Frames {
-        Frames { height: SIDE, width: SIDE, count: 2 }
+        Frames::black_and_white(SIDE, SIDE, 2)
     }
 
     fn action_limit(&self) -> &[f64] {

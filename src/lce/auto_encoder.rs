@@ -94,7 +94,7 @@ impl<T: Real> AutoEncoder<T> {
             let (logits, deltas) = columns.decoder.logits();
             let pictures = logits.chunks_exact(entries).zip(deltas.chunks_exact_mut(entries));
             for (i, ((logits, delta), nll)) in pictures.zip(columns.nll).enumerate() {
-                *nll = heads::bernoulli(logits, images, which[first + i], weight, delta);
+                *nll = heads::image(logits, images, which[first + i], weight, delta);
             }
             columns.decoder.backward(&model.arena, columns.d_z.data);
         });

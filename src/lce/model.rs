@@ -20,8 +20,8 @@ pub struct LceModel<T = f32> {
     pub nets: Nets,
     /// All parameters.
     pub arena: Vec<T>,
-    /// An image of 0 and 1 that resembles most observations. Observations are stored as their differences from it,
-    /// which saves time and changes no result.
+    /// An image that resembles most observations; of 0 and 1 where there are no shades. Observations are stored as their
+    /// differences from it, which saves time and changes no result.
     pub background: Vec<u8>,
 }
 
@@ -49,13 +49,17 @@ impl<T: Real> LceModel<T> {
         biases[outputs].fill(sigma.log());
     }
 
-    /// Observations in the form that this model reads. `frames` holds them one after the other; a non-zero byte is a
-    /// lit pixel.
+    /// Observations in the form that this model reads. `frames` holds them one after the other. Without shades, a non-zero
+    /// byte is a lit pixel.
     pub fn pictures(&self, frames: &[u8]) -> BinaryImages {
         let patches = self.sizes.read_patches().zip(self.sizes.predicted_patches());
-        let mut images = match patches {
-            Some((read, predicted)) => BinaryImages::pooled(self.sizes.pixels, read, predicted),
-            None => BinaryImages::new(&self.background),
+        let mut images = match (patches, self.sizes.shades) {
+            (Some((read, predicted)), None) => BinaryImages::pooled(self.sizes.pixels, read, predicted),
+            (Some((read, predicted)), Some(likelihood)) => {
+                BinaryImages::pooled(self.sizes.pixels, read, predicted).with_shades(likelihood)
+            }
+            (None, None) => BinaryImages::new(&self.background),
+            (None, Some(likelihood)) => BinaryImages::shaded(&self.background, likelihood),
         };
         images.extend(frames);
         images
@@ -103,7 +107,7 @@ impl<T: Real> LceModel<T> {
         let mut nats = Vec::with_capacity(images.len());
         let mut delta = vec![T::ZERO; self.sizes.predicted_entries()];
         self.for_each_logits(codes, |logits| {
-            nats.push(heads::bernoulli(logits, images, nats.len() as u32, T::ZERO, &mut delta));
+            nats.push(heads::image(logits, images, nats.len() as u32, T::ZERO, &mut delta));
         });
         nats
     }
@@ -119,6 +123,33 @@ impl<T: Real> LceModel<T> {
             logits.chunks_exact(self.sizes.predicted_entries()).for_each(&mut each);
         }
     }
+}
+
+/// The background for observations of these widths.
+pub fn background_of(frames: &[u8], sizes: &Sizes) -> Vec<u8> {
+    match sizes.shades {
+        None => background(frames, sizes.pixels),
+        Some(_) => commonest_shades(frames, sizes.pixels),
+    }
+}
+
+/// An observation whose pixels have the shade that most of the observations in `frames` have there.
+fn commonest_shades(frames: &[u8], pixels: usize) -> Vec<u8> {
+    /// Pixels that are counted together: a row of the counts stays in the cache.
+    const TOGETHER: usize = 64;
+    let mut commonest = vec![0; pixels];
+    for (first, commonest) in (0..pixels).step_by(TOGETHER).zip(commonest.chunks_mut(TOGETHER)) {
+        let mut counts = vec![[0_u32; 256]; commonest.len()];
+        for frame in frames.chunks_exact(pixels) {
+            let bytes = &frame[first..first + commonest.len()];
+            counts.iter_mut().zip(bytes).for_each(|(counts, &byte)| counts[usize::from(byte)] += 1);
+        }
+        for (commonest, counts) in commonest.iter_mut().zip(counts) {
+            let most = (0..=255_u8).rev().max_by_key(|&byte| counts[usize::from(byte)]);
+            *commonest = most.unwrap_or_default();
+        }
+    }
+    commonest
 }
 
 /// An observation whose pixels are lit where most of the observations in `frames` are lit.

@@ -135,7 +135,7 @@ impl<T: Real> PassColumns<'_, T> {
     ) -> T {
         let range = column * entries..(column + 1) * entries;
         let (logits, deltas) = self.decoder.logits();
-        heads::bernoulli(&logits[range.clone()], images, image, weight, &mut deltas[range])
+        heads::image(&logits[range.clone()], images, image, weight, &mut deltas[range])
     }
 
     /// Applies the passive dynamics to the codes of x.

@@ -4,7 +4,7 @@ use super::{
     passive_dynamics::PassiveDynamics,
     shared_frames::{Differences, SharedFrames, Speeds},
 };
-use crate::nn::binary_images::PooledPatches;
+use crate::nn::binary_images::{Likelihood, PooledPatches};
 
 /// Channels between two convolutions (paper, "Network Architectures").
 pub(super) const CHANNELS: usize = 32;
@@ -47,6 +47,8 @@ pub struct BackwardSizes {
 pub struct Sizes {
     /// Pixels of an observation x.
     pub pixels: usize,
+    /// How the decoder predicts shades; `None` where every pixel is lit or not.
+    pub shades: Option<Likelihood>,
     /// Dimension of the latent space.
     pub latent: usize,
     /// Components of an action.
@@ -76,6 +78,7 @@ impl Sizes {
     pub fn planar() -> Self {
         Self {
             pixels: 1600,
+            shades: None,
             latent: 2,
             action: 2,
             images: ImageNetworks::Dense,
@@ -93,6 +96,7 @@ impl Sizes {
     pub fn swing_up() -> Self {
         Self {
             pixels: 2 * 48 * 48,
+            shades: None,
             latent: 3,
             action: 1,
             images: ImageNetworks::Dense,
@@ -110,6 +114,7 @@ impl Sizes {
     pub fn cart_pole() -> Self {
         Self {
             pixels: 2 * 80 * 80,
+            shades: None,
             latent: 8,
             action: 1,
             images: ImageNetworks::Convolutional { frames: 2, rows: 80, columns: 80 },

@@ -3,7 +3,7 @@
 //! A Gaussian is one column: its means, then its log standard deviations. Functions with a `weight` also add `weight` times
 //! the gradient of their value to the `d_…` arguments.
 
-use super::binary_images::BinaryImages;
+use super::binary_images::{BinaryImages, Likelihood};
 use crate::num::{Real, simd::vectorize};
 
 /// ln(2 pi) / 2.
@@ -97,9 +97,44 @@ pub fn log_density<T: Real>(z: &[T], gaussian: &[T], weight: T, d_z: &mut [T], d
     sum
 }
 
+/// -ln of the likelihood of an image, with one logit for each entry of the image. Sets `delta` to `weight` times its
+/// gradient.
+pub fn image<T: Real>(logits: &[T], images: &BinaryImages, image: u32, weight: T, delta: &mut [T]) -> T {
+    match images.likelihood() {
+        Likelihood::Bernoulli => bernoulli(logits, images, image, weight, delta),
+        Likelihood::Gaussian(noise) => gaussian_pixels(logits, images, image, noise.sigma, weight, delta),
+    }
+}
+
+/// -ln of the density of an image under independent Gaussian pixels with means sigmoid(logits). Pixels of a patch count
+/// as if each had the mean of the patch. Sets `delta` to `weight` times its gradient,
+/// area (m - x) m (1 - m) / sigma².
+fn gaussian_pixels<T: Real>(
+    logits: &[T],
+    images: &BinaryImages,
+    image: u32,
+    sigma: f64,
+    weight: T,
+    delta: &mut [T],
+) -> T {
+    let area = images.predicted_area() as f64;
+    delta.fill(T::ZERO);
+    images.lit(image).for_each(|(entry, count)| delta[entry] += T::of(count / area));
+    let (precision, constant) = (1.0 / (sigma * sigma), T::of(sigma).log() + T::of(HALF_LN_TAU));
+    let (half_precision, steepness) = (T::of(0.5 * area * precision), weight * T::of(area * precision));
+    let mut value = constant * T::of(area * logits.len() as f64);
+    for (&logit, delta) in logits.iter().zip(delta) {
+        let mean = T::ONE / (T::ONE + (-logit).e_to());
+        let error = mean - *delta;
+        value += half_precision * error * error;
+        *delta = steepness * error * mean * (T::ONE - mean);
+    }
+    value
+}
+
 /// -ln of the probability of an image under independent Bernoulli pixels, with one logit for each entry of the image.
 /// Sets `delta` to `weight` times its gradient, area sigmoid(logits) - lit.
-pub fn bernoulli<T: Real>(logits: &[T], images: &BinaryImages, image: u32, weight: T, delta: &mut [T]) -> T {
+fn bernoulli<T: Real>(logits: &[T], images: &BinaryImages, image: u32, weight: T, delta: &mut [T]) -> T {
     let area = T::of(images.predicted_area() as f64);
     let steepness = weight * area;
     // There are sixteen interleaved sums, added in order, so vectors of any width give the same bits. ln(1 + e^-|l|) is
@@ -133,7 +168,7 @@ pub fn bernoulli<T: Real>(logits: &[T], images: &BinaryImages, image: u32, weigh
     let sum = |lanes: [T; 16]| lanes.into_iter().fold(T::ZERO, |sum, lane| sum + lane);
     let mut value = area * (sum(positive) + sum(logarithms));
     for (entry, count) in images.lit(image) {
-        let count = T::of(count as f64);
+        let count = T::of(count);
         delta[entry] -= weight * count;
         value -= logits[entry] * count;
     }

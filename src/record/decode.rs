@@ -86,11 +86,17 @@ fn float(point: &[u8], offset: usize) -> anyhow::Result<f32> {
 
 fn picture(data: &[u8]) -> anyhow::Result<(At, Frame)> {
     let image = wire::RawImage::decode(data)?;
-    let (height, width, grey) = (image.height, image.width, image.data);
-    if image.encoding != "mono8" || u64::from(height) * u64::from(width) != grey.len() as u64 {
-        bail!("the picture is not {height}x{width} grey bytes");
+    let (height, width, bytes) = (image.height, image.width, image.data);
+    let pixels = u64::from(height) * u64::from(width);
+    let wanted = match image.encoding.as_str() {
+        "mono8" => Some(pixels),
+        "rgb8" => pixels.checked_mul(3),
+        _ => None,
+    };
+    if wanted != Some(bytes.len() as u64) {
+        bail!("the picture is not {height}x{width} grey or coloured pixels");
     }
-    Ok((At::new(image.at_round, image.at_epoch, image.at_step), Frame::Picture { height, width, grey }))
+    Ok((At::new(image.at_round, image.at_epoch, image.at_step), Frame::Picture { height, width, bytes }))
 }
 
 fn log(data: &[u8]) -> anyhow::Result<(At, Frame)> {

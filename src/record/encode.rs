@@ -99,15 +99,17 @@ impl Encoder {
         })
     }
 
-    pub(super) fn picture(&mut self, topic: &str, at: At, height: u32, width: u32, grey: &[u8]) -> anyhow::Result<()> {
+    pub(super) fn picture(&mut self, topic: &str, at: At, height: u32, width: u32, bytes: &[u8]) -> anyhow::Result<()> {
+        let is_grey = u64::from(height) * u64::from(width) == bytes.len() as u64;
+        let (encoding, step) = if is_grey { ("mono8", width) } else { ("rgb8", 3 * width) };
         let channel = self.channel(topic, Shape::Image, schema::raw_image)?;
         let image = wire::RawImage {
             timestamp: Some(at.timestamp()),
             width,
             height,
-            encoding: "mono8".to_owned(),
-            step: width,
-            data: grey.to_vec(),
+            encoding: encoding.to_owned(),
+            step,
+            data: bytes.to_vec(),
             frame_id: ROOT_FRAME.to_owned(),
             at_round: at.round,
             at_epoch: at.epoch,

@@ -38,14 +38,14 @@ pub enum Frame {
     Goals(Vec<[f32; 3]>),
     /// Circles in true space, each as row, column and radius.
     Obstacles(Vec<[f32; 3]>),
-    /// A grey picture.
+    /// A picture.
     Picture {
         /// Number of rows.
         height: u32,
         /// Number of columns.
         width: u32,
-        /// One byte per pixel, row by row; 0 is black.
-        grey: Vec<u8>,
+        /// One byte per pixel, or three for red, green and blue, row by row; 0 is black.
+        bytes: Vec<u8>,
     },
     /// One evaluated episode in true space.
     Trajectory {

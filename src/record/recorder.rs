@@ -96,14 +96,15 @@ impl Recorder {
         self.record(|encoder| encoder.obstacles(topic, at, circles));
     }
 
-    /// Records a grey picture, row by row; 0 is black.
-    pub fn picture(&mut self, topic: &str, at: At, height: u32, width: u32, grey: &[u8]) {
-        if u64::from(height) * u64::from(width) != grey.len() as u64 {
-            let warning = format!("picture `{topic}` has {} bytes, which is not {height}x{width}", grey.len());
+    /// Records a picture, row by row; 0 is black. A pixel has one byte, or three for red, green and blue.
+    pub fn picture(&mut self, topic: &str, at: At, height: u32, width: u32, bytes: &[u8]) {
+        let pixels = u64::from(height) * u64::from(width);
+        if ![pixels, 3 * pixels].contains(&(bytes.len() as u64)) {
+            let warning = format!("picture `{topic}` has {} bytes, which is not {height}x{width}", bytes.len());
             self.warning.get_or_insert(warning);
             return;
         }
-        self.record(|encoder| encoder.picture(topic, at, height, width, grey));
+        self.record(|encoder| encoder.picture(topic, at, height, width, bytes));
     }
 
     /// Records one evaluated episode in true space.

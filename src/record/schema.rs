@@ -46,7 +46,7 @@ pub(super) fn point_cloud() -> Schema {
     schema(POINT_CLOUD, cloud, imports, &["foxglove/Pose.proto", "foxglove/PackedElementField.proto"])
 }
 
-/// A grey picture.
+/// A picture, grey or coloured.
 pub(super) fn raw_image() -> Schema {
     let mut image = message("RawImage");
     image.field = vec![

@@ -113,7 +113,7 @@ impl<'a> Lineage<'a> {
     /// A digest of the pipeline at a node's point, except rounds, seeds and numbers of samples.
     pub(super) fn family(&self, node: &NodeRecord) -> Digest {
         let own = without_samples(without_seed(node));
-        let of = (node.about.member, digest::canonical(&json!(node.about.work.task)), own);
+        let of = (node.about.member, digest::canonical(&json!(node.about.work.task.in_key())), own);
         if let Some(&known) = self.families.borrow().get(&of) {
             return known;
         }

@@ -175,6 +175,10 @@ impl Outcome {
     /// The task by name, with the options that differ from the task's defaults.
     pub fn task_name(&self) -> String {
         let env = self.task.name();
+        if let Some((command, options)) = self.task.program_and_options() {
+            let options: Vec<String> = options.iter().map(|(name, value)| format!(", {name} {value}")).collect();
+            return format!("{}{}", command.join(" "), options.concat());
+        }
         let (own, defaults) = (json!(self.task), serde_json::from_value::<Task>(json!({ "env": env })).ok());
         let defaults = json!(defaults);
         let options = own.as_object().into_iter().flatten().filter(|(name, value)| defaults[name.as_str()] != **value);

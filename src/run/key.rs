@@ -74,7 +74,7 @@ fn members<'a>(
         ("kind", Cow::Owned(kind.into())),
         ("version", Cow::Owned(version.into())),
         ("params", Cow::Borrowed(params)),
-        ("task", Cow::Owned(json!(task))),
+        ("task", Cow::Owned(Value::Object(task.in_key()))),
         ("stream", Cow::Owned(json!(stream))),
         ("platform", Cow::Owned(platform.into())),
     ]

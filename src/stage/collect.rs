@@ -93,7 +93,6 @@ impl Stage for Collect {
         let (mut simulator, spec) = (cx.task.open()?, cx.task.spec());
         let mut rng = cx.rng("episodes");
         let mut transitions = none_yet(&*simulator, &spec, params.samples)?;
-        let (height, width) = transitions.picture;
         // Goals follow each other in turn, from a random one on.
         let mut goal = sampling::index(&mut rng, spec.goals);
         let total = params.samples as usize;
@@ -129,7 +128,7 @@ impl Stage for Collect {
             }
             let at = At::new(cx.round, 0, transitions.len() as u64);
             if let Some(Step { next_observation, .. }) = path.last() {
-                cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, next_observation);
+                cx.picture(topic::PICTURE_COLLECTED, at, next_observation);
                 let is_unfinished = params.r#continue && done + steps < longest;
                 unfinished = is_unfinished.then(|| unfinished_episode(&*simulator, goal, done + steps)).transpose()?;
             }

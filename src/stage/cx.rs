@@ -146,6 +146,7 @@ impl<'a> StageCx<'a> {
     /// [`Interrupted`] once the user asked to stop: pass it on with `?`.
     pub fn progress(&mut self, done: u64, total: u64, note: &str) -> Result<(), Interrupted> {
         self.host.progress(done, total, note);
+        self.say_log();
         if self.host.stop_asked() { Err(Interrupted) } else { Ok(()) }
     }
 
@@ -186,6 +187,11 @@ impl<'a> StageCx<'a> {
     /// Whether a metric was reported with a value that is not finite.
     pub(super) fn is_not_finite(&self, metric: &str) -> bool {
         self.not_finite.iter().any(|name| name == metric)
+    }
+
+    /// Shows the user what the task's program wrote to standard error.
+    pub fn say_log(&self) {
+        self.task.take_log().iter().for_each(|line| self.say(line));
     }
 
     /// Shows the user a sentence.

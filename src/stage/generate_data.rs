@@ -23,6 +23,16 @@ pub(super) struct Params {
     trajectory: u64,
     /// Where states are drawn from.
     region: Region,
+    /// The most steps for which a random action is held; their number is random, too. An action that is held swings what
+    /// an action of one step only shakes.
+    #[serde(skip_serializing_if = "is_one")]
+    hold: u64,
+}
+
+/// Actions of one step stand in no key.
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde hands in a reference")]
+fn is_one(hold: &u64) -> bool {
+    *hold == 1
 }
 
 /// Where states are drawn from.
@@ -51,7 +61,7 @@ impl Default for Bias {
 
 impl Default for Params {
     fn default() -> Self {
-        Self { samples: 5000, trajectory: 1, region: Region::All }
+        Self { samples: 5000, trajectory: 1, region: Region::All, hold: 1 }
     }
 }
 
@@ -64,6 +74,7 @@ impl super::Params for Params {
         let mut refusals = Vec::new();
         count(&mut refusals, "samples", self.samples, 1..=MOST_STEPS);
         count(&mut refusals, "trajectory", self.trajectory, 1..=MOST_STEPS);
+        count(&mut refusals, "hold", self.hold, 1..=MOST_STEPS);
         if let Region::Biased(Bias { preferred_share }) = self.region {
             within(&mut refusals, "region.biased.preferred_share", preferred_share, 0.0, 1.0);
         }
@@ -95,18 +106,23 @@ impl Stage for GenerateData {
         let states = States { system: cx.task.system(), task: cx.task.name(), spec: &spec, params };
         let mut rng = cx.rng("transitions");
         let mut transitions = none_yet(&*simulator, &spec, params.samples)?;
-        let (height, width) = transitions.picture;
+        let (mut action, mut held) = (Vec::new(), 0);
         for sample in 0..params.samples {
             if sample % params.trajectory == 0 {
                 states.enter(&mut *simulator, &mut rng)?;
+                held = 0;
             }
-            let action = random_action(&spec, &mut rng);
+            if held == 0 {
+                action = random_action(&spec, &mut rng);
+                held = if params.hold > 1 { 1 + sampling::index(&mut rng, params.hold as usize) } else { 1 };
+            }
+            held -= 1;
             let observation = simulator.observe();
             simulator.step(&action, &mut rng)?;
             let goal = sampling::index(&mut rng, spec.goals) as u32;
             if sample % 64 == 0 {
                 let at = At::new(cx.round, 0, sample);
-                cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, &observation);
+                cx.picture(topic::PICTURE_COLLECTED, at, &observation);
                 cx.progress(sample, params.samples, "")?;
             }
             transitions.push(&observation, &action, &simulator.observe(), goal);

@@ -150,7 +150,6 @@ impl Stage for GenerateTrajectories {
             goals: (0..spec.goals).flat_map(|goal| simulator.goal_image(goal)).collect(),
             ..Trajectories::default()
         };
-        let (height, width) = made.picture;
         let count = (params.samples as usize / spec.horizon).max(1);
         let reserved = made.observations.try_reserve_exact((count * spec.horizon).saturating_mul(made.pixels()));
         reserved.with_context(|| format!("no memory for {} steps: lower `samples`", params.samples))?;
@@ -173,7 +172,7 @@ impl Stage for GenerateTrajectories {
             }
             made.end_episode(goal as u32);
             let at = At::new(cx.round, 0, ((number + 1) * spec.horizon) as u64);
-            cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, &simulator.observe());
+            cx.picture(topic::PICTURE_COLLECTED, at, &simulator.observe());
             cx.progress(number as u64 + 1, count as u64, "")?;
         }
         cx.metric("samples", (count * spec.horizon) as f64);

@@ -187,7 +187,10 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::{env, stage::Preset};
+    use crate::{
+        env::{self, World},
+        stage::Preset,
+    };
 
     /// Whether `whole` has every entry of `part`, with a number equal to `7` where `part` has `7.0`.
     fn contains(whole: &Value, part: &Value) -> bool {
@@ -200,10 +203,23 @@ mod tests {
         }
     }
 
+    /// A task in another process, as a manifest holds it.
+    fn programs_task() -> Task {
+        let about = json!({
+            "height": 64, "width": 64, "channels": 3, "shades": true, "frames": 2, "action_low": [0.0], "action_high": [1.0],
+            "horizon": 200, "goals": 1, "states": 0,
+        });
+        let found = json!({ "files": {}, "versions": {}, "about": about });
+        serde_json::from_value(json!({ "env": "process", "command": ["./it"], "found": found })).unwrap()
+    }
+
     #[test]
     fn every_kind_accepts_and_takes_the_defaults_of_every_task() {
         for task_kind in env::registry() {
-            let task: Task = serde_json::from_value(json!({ "env": task_kind.name })).unwrap();
+            let task: Task = match task_kind.world {
+                World::Process => programs_task(),
+                _ => serde_json::from_value(json!({ "env": task_kind.name })).unwrap(),
+            };
             for kind in registry() {
                 for objective in ["carl", "pcc", "pc3", "e2c", "rce", "value_guided"] {
                     for preset in [Preset::Recipe, Preset::Paper] {

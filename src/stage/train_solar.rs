@@ -9,7 +9,7 @@ use state::Training;
 use super::{Stage, StageCx, divergence::TrainingStep, inputs, network_sizes};
 use crate::{
     artifact::Trajectories,
-    lce::model::background,
+    lce::model::background_of,
     num::sampling,
     record::{At, topic},
     solar::{
@@ -49,7 +49,7 @@ impl Stage for TrainSolar {
         );
         let transitions = params.transitions(steps);
         let mut training = cx.resume_or(|| {
-            let background = background(&trajectories.observations, trajectories.pixels());
+            let background = background_of(&trajectories.observations, &sizes);
             let new = || SolarModel::new(sizes, background, transitions, params.push(), &mut cx.rng("weights"));
             Ok(Training { model: inputs.warm_start.unwrap_or_else(new), epoch: 0, step: 0 })
         })?;
@@ -127,10 +127,9 @@ fn data(model: &SolarModel, trajectories: &Trajectories, steps: usize) -> Data {
 fn pictures(cx: &mut StageCx<'_>, at: At, trajectories: &Trajectories, model: &SolarModel) {
     let pixels = trajectories.pixels();
     let which = (at.epoch as usize * 37) % (trajectories.observations.len() / pixels);
-    let (height, width) = (trajectories.picture.0 as u32, trajectories.picture.1 as u32);
     let x = &trajectories.observations[which * pixels..][..pixels];
     let z = model.networks.encode_means(&model.networks.pictures(x));
     let decoded: Vec<u8> = model.networks.decode(&z).iter().map(|p| (p * 255.0) as u8).collect();
-    cx.record.picture(topic::PICTURE_OBSERVATION, at, height, width, x);
-    cx.record.picture(topic::PICTURE_RECONSTRUCTION, at, height, width, &decoded);
+    cx.picture(topic::PICTURE_OBSERVATION, at, x);
+    cx.picture(topic::PICTURE_RECONSTRUCTION, at, &decoded);
 }

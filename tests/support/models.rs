@@ -62,6 +62,7 @@ pub fn shared_frames_model_and_data(differences: Differences, samples: usize) ->
 /// Widths for two frames of 16 rows and 24 columns.
 fn two_frames() -> Sizes {
     Sizes {
+        shades: None,
         pixels: 2 * 16 * 24,
         latent: 2,
         action: 2,

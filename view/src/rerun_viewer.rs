@@ -157,8 +157,11 @@ impl Viewer for RerunViewer {
             }
             Frame::Goals(goals) => self.latents(here, goals, &[style::colour(style::GOAL)], 6.0),
             Frame::Obstacles(circles) => self.obstacles(here, circles),
-            Frame::Picture { height, width, grey } => {
-                Ok(self.stream.log(here, &Image::from_l8(grey.clone(), [*width, *height]))?)
+            Frame::Picture { height, width, bytes } => {
+                let is_grey = u64::from(*height) * u64::from(*width) == bytes.len() as u64;
+                let (bytes, size) = (bytes.clone(), [*width, *height]);
+                let image = if is_grey { Image::from_l8(bytes, size) } else { Image::from_rgb24(bytes, size) };
+                Ok(self.stream.log(here, &image)?)
             }
             Frame::Trajectory { .. } => self.trajectory(position, topic, &message.frame),
             Frame::Log { level, text } => {

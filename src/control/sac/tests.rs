@@ -33,6 +33,7 @@ fn model_with_speeds() -> LceModel {
 
 fn known_model_of(images: ImageNetworks) -> LceModel {
     let sizes = Sizes {
+        shades: None,
         jacobian_heads: false,
         locally_linear: false,
         passive_dynamics: PassiveDynamics::None,

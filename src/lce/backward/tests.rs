@@ -21,6 +21,7 @@ struct Case {
 impl Case {
     fn new() -> Self {
         let sizes = Sizes {
+            shades: None,
             jacobian_heads: false,
             locally_linear: false,
             passive_dynamics: PassiveDynamics::None,

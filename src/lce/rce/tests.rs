@@ -14,6 +14,7 @@ use crate::{
 /// One coordinate, one action and six pixels: small enough for integrals on a grid.
 fn tiny() -> (LceModel<f64>, BinaryImages) {
     let sizes = Sizes {
+        shades: None,
         pixels: 6,
         latent: 1,
         action: 1,

@@ -25,6 +25,7 @@ const WEIGHTS: Weights = Weights {
 
 fn dense() -> Sizes {
     Sizes {
+        shades: None,
         pixels: 75,
         latent: 2,
         action: 2,

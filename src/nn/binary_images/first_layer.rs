@@ -1,4 +1,4 @@
-//! A network's first layer on binary images: forward pass and weight gradient.
+//! A network's first layer on images: forward pass and weight gradient.
 
 use super::{
     BinaryImages,
@@ -29,7 +29,7 @@ impl BinaryImages {
     pub fn base<T: Real>(&self, layer: &Linear, arena: &[T], base: &mut [T]) {
         base.copy_from_slice(layer.b(arena));
         for entry in self.reference_lit() {
-            add(base, &layer.w(arena)[entry * layer.n_out..][..layer.n_out]);
+            add(base, self.reference.value(entry), &layer.w(arena)[entry * layer.n_out..][..layer.n_out]);
         }
     }
 
@@ -67,7 +67,7 @@ impl BinaryImages {
             db.fill(T::ZERO);
         }
         for dy in dy.chunks_exact(rows.stride) {
-            add(db, &dy[rows.offset..rows.offset + layer.n_out]);
+            add(db, T::ONE, &dy[rows.offset..rows.offset + layer.n_out]);
         }
         self.weight_gradient(threads, layer, dw, db, accumulate, which, dy, rows, 0);
     }
@@ -112,12 +112,13 @@ impl BinaryImages {
     }
 }
 
-fn add<T: Real>(y: &mut [T], x: &[T]) {
+/// y += factor x.
+fn add<T: Real>(y: &mut [T], factor: T, x: &[T]) {
     vectorize(
         #[inline(always)]
         || {
             for (y, &x) in y.iter_mut().zip(x) {
-                *y = T::ONE.fma(x, *y);
+                *y = factor.fma(x, *y);
             }
         },
     );

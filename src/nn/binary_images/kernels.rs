@@ -1,10 +1,10 @@
-//! The inner loops of a first layer on binary images, for every instruction set.
+//! The inner loops of a first layer on images, for every instruction set.
 //!
 //! Every output is one chain of fused multiply-adds over an image's changes. The width of vectors changes no bit.
 
 use pulp::{Simd, WithSimd};
 
-use super::{BinaryImages, OutputRows};
+use super::{BinaryImages, OutputRows, WHITE};
 use crate::{
     nn::{mat::Accumulate, mlp::Linear},
     num::Real,
@@ -132,19 +132,23 @@ impl<T: Real> WeightGradient<'_, T> {
         self.first..self.first + self.dw.len() / self.n_out
     }
 
-    /// Sets the start of every column: an entry that is lit in the reference is lit in all images, apart from changes.
+    /// Sets the start of every column: an entry has the reference's value in all images, apart from changes.
     /// If gradients are added, the columns stay as they are.
     #[inline(always)]
     fn start(&mut self, at: usize, len: usize) {
         if self.accumulate == Accumulate::Add {
             return;
         }
-        for (dw, &lit) in self.dw.chunks_exact_mut(self.n_out).zip(&self.images.reference.is_lit[self.first..]) {
+        let reference = &self.images.reference;
+        for (entry, dw) in (self.first..).zip(self.dw.chunks_exact_mut(self.n_out)) {
             let dw = &mut dw[at..at + len];
-            if lit {
-                dw.copy_from_slice(&self.db[at..at + len]);
-            } else {
-                dw.fill(T::ZERO);
+            match reference.bytes[entry] {
+                0 => dw.fill(T::ZERO),
+                WHITE => dw.copy_from_slice(&self.db[at..at + len]),
+                _ => {
+                    let value: T = reference.value(entry);
+                    dw.iter_mut().zip(&self.db[at..at + len]).for_each(|(dw, &db)| *dw = value * db);
+                }
             }
         }
     }

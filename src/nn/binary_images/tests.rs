@@ -57,7 +57,7 @@ fn patches_are_read_as_the_share_of_their_pixels_that_is_lit() {
     let x: Vec<f64> = (0..count * 8).map(|i| share(i / 8, i % 8)).collect();
     for (image, x) in x.chunks(8).enumerate() {
         for (patch, lit) in images.lit(image as u32) {
-            assert_eq!(lit as f64, (9.0 * x[patch]).round());
+            assert_eq!(lit, (9.0 * x[patch]).round());
         }
     }
 
@@ -146,10 +146,79 @@ fn larger_patches_are_predicted_from_the_lit_pixels_of_the_smaller_ones_that_are
     let [mut mixed, mut whole] = [small, large].map(|read| BinaryImages::pooled(pixels, read, large));
     let counts = |images: &mut BinaryImages| {
         images.extend(&frame);
-        let mut counts = vec![0; pixels / large.area()];
+        let mut counts = vec![0.0; pixels / large.area()];
         images.lit(0).for_each(|(patch, count)| counts[patch] += count);
         counts
     };
     assert_eq!(counts(&mut mixed), counts(&mut whole));
     assert_eq!(mixed.predicted_area(), 16);
+}
+
+/// Half of the pixels are black, the others have any shade.
+fn shades(count: usize, rng: &mut Rng) -> Vec<u8> {
+    (0..count).map(|_| sampling::index(rng, 2) as u8 * sampling::index(rng, 256) as u8).collect()
+}
+
+#[test]
+fn shades_give_the_dense_product_and_its_gradient() {
+    let mut rng = Rng::seed_from_u64(9);
+    let (pixels, n_out, count) = (37, 5, 11);
+    let frames = shades(pixels * count, &mut rng);
+    let mut images = BinaryImages::shaded(&frames[..pixels], Likelihood::Bernoulli);
+    images.extend(&frames);
+    let mut layout = Layout::default();
+    let layer = layout.linear("first", pixels, n_out);
+    let arena: Vec<f64> = layout.initialize(&mut rng);
+    let which: Vec<u32> = (0..count as u32).collect();
+    let x: Vec<f64> = frames.iter().map(|&byte| f64::from(byte) / 255.0).collect();
+    let rows = OutputRows { stride: n_out, offset: 0, first_entry: 0 };
+    let (mut base, mut dense, mut sparse) = (vec![0.0; n_out], vec![0.0; n_out * count], vec![0.0; n_out * count]);
+    images.base(&layer, &arena, &mut base);
+    images.affine(&layer, &arena, &base, &which, &mut sparse, rows, false);
+    layer.forward(&arena, &x, &mut dense, false);
+    assert!(dense.iter().zip(&sparse).all(|(a, b)| (a - b).abs() < 1e-14));
+
+    let dy: Vec<f64> = (0..n_out * count).map(|i| (i as f64).sin()).collect();
+    let [mut want, mut one, mut two] = [(); 3].map(|()| vec![0.0; layout.len]);
+    layer.gradient(1, &mut want, Accumulate::Replace, &x, &dy);
+    images.gradient(1, &layer, &mut one, Accumulate::Replace, &which, &dy, rows);
+    images.gradient(2, &layer, &mut two, Accumulate::Replace, &which, &dy, rows);
+    assert!(want.iter().zip(&one).all(|(a, b)| (a - b).abs() < 1e-13));
+    assert_eq!(one, two);
+
+    for (image, x) in (0..).zip(x.chunks(pixels)) {
+        let mut target = vec![0.0; pixels];
+        images.lit(image).for_each(|(pixel, shade)| target[pixel] += shade);
+        assert_eq!(target, x);
+    }
+}
+
+#[test]
+fn patches_with_shades_are_read_as_their_mean_to_the_nearest_byte() {
+    let mut rng = Rng::seed_from_u64(10);
+    let patches = PooledPatches { columns: 6, side: 2 };
+    let frame = shades(4 * 6, &mut rng);
+    let mut images = BinaryImages::pooled(4 * 6, patches, patches).with_shades(Likelihood::Bernoulli);
+    images.extend(&frame);
+    let mut sums = vec![0.0; 6];
+    frame.iter().enumerate().for_each(|(pixel, &byte)| sums[patches.around(pixel)] += f64::from(byte) / 255.0);
+    images.lit(0).for_each(|(patch, sum)| sums[patch] -= sum);
+    assert!(sums.iter().all(|rest| rest.abs() <= 4.0 * 0.5 / 255.0 + 1e-12), "{sums:?}");
+}
+
+#[test]
+fn black_and_white_pictures_with_shades_are_those_without() {
+    let mut rng = Rng::seed_from_u64(11);
+    let frames: Vec<u8> = (0..5 * 24).map(|_| sampling::index(&mut rng, 2) as u8 * 255).collect();
+    let patches = PooledPatches { columns: 6, side: 2 };
+    let pooled = || BinaryImages::pooled(24, patches, patches);
+    let (reference, likelihood) = (&frames[..24], Likelihood::Bernoulli);
+    for (mut without, mut with) in [
+        (BinaryImages::new(reference), BinaryImages::shaded(reference, likelihood)),
+        (pooled(), pooled().with_shades(likelihood)),
+    ] {
+        without.extend(&frames);
+        with.extend(&frames);
+        assert_eq!(BinaryImages { shades: None, ..with }, without);
+    }
 }

@@ -31,6 +31,8 @@ pub(super) struct Document {
     /// The start of the file, which is never in the base.
     pub(super) start: Span,
     pub(super) base: Option<BaseFile>,
+    /// The folder of the file that names the program of the task, if it is known.
+    pub(super) programs: Option<PathBuf>,
 }
 
 /// Reads the base of a file, if it has one, and lays the file over it. `None` where there is no base to read, which is
@@ -42,7 +44,8 @@ pub(super) fn extended(
     mistakes: &mut Vec<Diagnostic>,
 ) -> Option<Document> {
     let start = file.start();
-    let Some(value) = table.take("extends") else { return Some(Document { table, start, base: None }) };
+    let programs = file.home.clone();
+    let Some(value) = table.take("extends") else { return Some(Document { table, start, base: None, programs }) };
     let (path, span) = values::text(Some(value), "extends", mistakes)?;
     let base = base_file(&path, &span, file, files).map_err(|mistake| mistakes.push(mistake)).ok()?;
     let mut below = document(&base.bytes, base.base, mistakes)?;
@@ -52,8 +55,10 @@ pub(super) fn extended(
     }
     values::check_schema(below.take("schema"), &base.start(), mistakes);
     below.take("name");
+    let names_program = table.find(["task", "command"]).is_some_and(|found| found.value.as_table().is_none());
+    let programs = if names_program { programs } else { base.home.clone() };
     let base = BaseFile { text: base.text(), file: base.path };
-    Some(Document { table: laid_over(below, table, &path, mistakes), start, base: Some(base) })
+    Some(Document { table: laid_over(below, table, &path, mistakes), start, base: Some(base), programs })
 }
 
 fn base_file(path: &str, span: &Span, file: &File, files: &mut Files<'_>) -> Result<File, Diagnostic> {

@@ -18,12 +18,22 @@ pub struct Source {
     pub path: String,
     /// The content.
     pub bytes: Vec<u8>,
+    /// The folder in which the file lies. A text without one can name no program.
+    pub folder: Option<PathBuf>,
 }
 
 impl Source {
     /// A file in memory.
     pub fn new(path: impl Into<String>, bytes: impl Into<Vec<u8>>) -> Self {
-        Self { path: path.into(), bytes: bytes.into() }
+        Self { path: path.into(), bytes: bytes.into(), folder: None }
+    }
+
+    /// The same file, which lies in a folder.
+    #[must_use]
+    pub fn in_folder(self, folder: &Path) -> Self {
+        // The parent of a bare name is the empty path.
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        Self { folder: Some(folder.to_owned()), ..self }
     }
 }
 
@@ -49,6 +59,8 @@ pub(super) struct File {
     pub(super) bytes: Vec<u8>,
     /// Where its places begin.
     pub(super) base: usize,
+    /// Its folder on the disk, if it has one.
+    pub(super) home: Option<PathBuf>,
     /// Its folder, from the folder of the file that was loaded.
     folder: String,
 }
@@ -88,7 +100,8 @@ impl<'r> Files<'r> {
     /// Adds a file that is read already.
     pub(super) fn add(&mut self, source: &Source, folder: &str) -> File {
         let base = self.sources.add(source.path.as_str(), String::from_utf8_lossy(&source.bytes));
-        let file = File { path: source.path.clone(), bytes: source.bytes.clone(), base, folder: folder.to_owned() };
+        let (path, bytes, home) = (source.path.clone(), source.bytes.clone(), source.folder.clone());
+        let file = File { path, bytes, base, home, folder: folder.to_owned() };
         self.known.push(file.clone());
         file
     }

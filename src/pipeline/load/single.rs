@@ -55,7 +55,7 @@ pub(super) fn graph_of(
     (kinds, outside): (&'static [Kind], &dyn Outside),
     mut mistakes: Vec<Diagnostic>,
 ) -> Result<Graph, Vec<Diagnostic>> {
-    let Document { mut table, start, base } = document;
+    let Document { mut table, start, base, programs } = document;
     let mut changes = Changes::default();
     for one in additions.set {
         let path = one.path(sources);
@@ -68,7 +68,7 @@ pub(super) fn graph_of(
     changes.sweeps.extend(additions.seeds);
     arguments::apply(&mut table, arguments, &mut changes, &mut mistakes);
     let parsed = top_level::pipeline(table, changes, &start, sources, &mut mistakes);
-    let resolved = names::resolve(parsed, kinds, &mut mistakes);
+    let resolved = names::resolve(parsed, programs, kinds, &mut mistakes);
     let mut graph = graph::graph(&resolved, outside, mistakes)?;
     graph.members[0].base = base;
     Ok(graph)

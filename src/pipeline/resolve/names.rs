@@ -1,5 +1,7 @@
 //! Looks up kinds, ports, stages and axes.
 
+use std::path::PathBuf;
+
 use serde_json::Value;
 
 use super::{
@@ -18,7 +20,13 @@ use crate::{
 };
 
 /// Resolves a parsed pipeline and checks how its stages are connected.
-pub(crate) fn resolve(parsed: ParsedPipeline, kinds: &'static [Kind], mistakes: &mut Vec<Diagnostic>) -> Pipeline {
+/// `programs` is the folder in which programs that the pipeline names run.
+pub(crate) fn resolve(
+    parsed: ParsedPipeline,
+    programs: Option<PathBuf>,
+    kinds: &'static [Kind],
+    mistakes: &mut Vec<Diagnostic>,
+) -> Pipeline {
     let names: Vec<String> = parsed.stages.iter().map(|stage| stage.name.text.clone()).collect();
     let stages: Vec<Stage> = parsed.stages.into_iter().map(|one| stage(one, &names, kinds, mistakes)).collect();
     let axes = axes::resolve(parsed.axes, &stages, mistakes);
@@ -29,6 +37,7 @@ pub(crate) fn resolve(parsed: ParsedPipeline, kinds: &'static [Kind], mistakes: 
         seed: parsed.seed,
         preset: parsed.preset,
         task: task(parsed.task, &axes, &parsed.start, mistakes),
+        programs,
         rounds: parsed.rounds,
         stages,
         axes,

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     diag::Diagnostic,
-    env::{RefusedOption, Task},
+    env::{RefusedOption, Task, process::Unusable},
     pipeline::{
         messages::holds_no_parameters,
         syntax::{
@@ -109,7 +109,14 @@ impl<'a> ParameterResolver<'a> {
             let mistake = Diagnostic::at(span.clone(), format!("`{name}` {why}"));
             self.mistakes.push(Diagnostic { help, ..mistake });
         }
-        let task = task.filter(|_| self.mistakes.len() == count);
+        let task = task.filter(|_| self.mistakes.len() == count).and_then(|task| {
+            let looked = task.look(self.pipeline.programs.as_deref());
+            let report = |Unusable { key, why }: Unusable| {
+                let span = table.get(key).map_or(header, |value| &value.span);
+                self.mistakes.push(Diagnostic::at(span.clone(), format!("`{key}`: {why}")));
+            };
+            looked.map_err(report).ok()
+        });
         if let Some((name, why)) = task.as_ref().and_then(|task| Some((task.name(), task.spec().mistake()?))) {
             let span = table.get("env").map_or(header, |value| &value.span);
             let help = Some("the `spec` of the task says so; change it in the task's own file".to_owned());

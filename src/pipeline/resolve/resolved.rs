@@ -1,6 +1,6 @@
 //! The resolved pipeline: kinds, ports, stages and targets of axes stand in place of their names.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{
     diag::Span,
@@ -22,6 +22,8 @@ pub(crate) struct Pipeline {
     pub(crate) preset: Preset,
     /// `None` where the file has none, which is reported.
     pub(crate) task: Option<TaskTable>,
+    /// The folder in which programs that the file names run, if it is known.
+    pub(crate) programs: Option<PathBuf>,
     /// `None` where the file has no loop.
     pub(crate) rounds: Option<Rounds>,
     pub(crate) stages: Vec<Stage>,

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value as Json, json};
 
-use crate::env::{OptionValue, registry};
+use crate::env::{OptionValue, process, registry};
 
 /// The keys that the tasks know, and the type of each. An option of another task is refused later, by the task.
 pub(crate) fn schema() -> Json {
@@ -16,5 +16,6 @@ pub(crate) fn schema() -> Json {
         };
         properties.entry(option.name).or_insert(schema);
     }
+    properties.extend(process::fields().map(|(name, schema)| (name.to_owned(), schema)));
     json!({ "type": "object", "additionalProperties": false, "required": ["env"], "properties": properties })
 }

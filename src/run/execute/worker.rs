@@ -114,8 +114,11 @@ impl<'a> Worker<'a> {
             files.by_port.insert(known.name, values.iter().collect());
         }
         let (stream, round) = (job.work.stream.clone(), job.round.unwrap_or(0));
-        let mut cx = StageCx::new(recorder, &job.work.task, stream, round, threads, host);
-        self.teams.run(|| (kind.run)(&job.work.params, &files, &mut cx))
+        let task = job.work.task.with_own_log();
+        let mut cx = StageCx::new(recorder, &task, stream, round, threads, host);
+        let made = self.teams.run(|| (kind.run)(&job.work.params, &files, &mut cx));
+        cx.say_log();
+        made
     }
 
     fn finish_recording(&self, job: &Job, key: &Key, recorder: Recorder) -> Recorded {

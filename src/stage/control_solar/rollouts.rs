@@ -71,9 +71,8 @@ impl<'a> Runner<'a> {
             made.percent_goal /= count as f64;
             all.push(made);
         }
-        let (height, width) = self.spec.frames.observation();
         let at = At::new(cx.round, 0, iteration);
-        cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, &self.simulator.observe());
+        cx.picture(topic::PICTURE_COLLECTED, at, &self.simulator.observe());
         Ok(all)
     }
 

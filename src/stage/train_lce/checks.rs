@@ -1,9 +1,12 @@
 //! The ranges of the parameters of `train_lce`.
 
-use super::params::{FramePatches, Lambda, LossName, Networks, Params, Refit, Slopes, UNBOUNDED, WarmUpSchedule};
+use super::params::{
+    FramePatches, Lambda, LossName, Networks, Params, Refit, Slopes, UNBOUNDED, WarmUpSchedule, Widths,
+};
 use crate::{
     control::guidance::Guidance,
     lce::{Differences, pc3::Pc3, warm_up::WarmUp},
+    nn::binary_images::{Deviation, Likelihood},
     stage::{MOST_COPIES, MOST_PASSES, MOST_STEPS, Refusal, above_zero, count, within},
 };
 
@@ -13,11 +16,18 @@ const MOST_SAMPLES_OF_A_BATCH: u64 = 512;
 /// The most coordinates that one part of a code may have.
 const MOST_COORDINATES: u64 = 64;
 
+/// The widest layer that a file may ask for.
+const WIDEST: u64 = 1 << 14;
+
 /// The parameters that are out of range.
 pub(super) fn out_of_range(params: &Params) -> Vec<Refusal> {
     let mut refusals = counts(params);
     within(&mut refusals, "ramp.from", params.ramp.from, 0.0, 1.0);
     networks(params.networks, &mut refusals);
+    widths(params, &mut refusals);
+    if let Likelihood::Gaussian(Deviation { sigma }) = params.likelihood {
+        within(&mut refusals, "likelihood.gaussian.sigma", sigma, 1e-3, 1e3);
+    }
     lambda(&params.lambda, &mut refusals);
     if params.lambda.regularizer > 0.0 && params.symmetries.change_something() {
         let why = "must be 0 with `symmetries`: L_reg knows the old policy's actions only in unchanged pictures";
@@ -65,6 +75,18 @@ fn networks(networks: Networks, refusals: &mut Vec<Refusal>) {
             within(refusals, "networks.pooled_patches.dropout", patches.dropout, 0.0, 0.9);
         }
         Networks::SharedFrames(frames) => shared_frames(frames, refusals),
+    }
+}
+
+fn widths(params: &Params, refusals: &mut Vec<Refusal>) {
+    let Widths { latent, encoder, decoder, dynamics } = params.widths;
+    latent.into_iter().for_each(|latent| count(refusals, "widths.latent", latent, 1..=2 * MOST_COORDINATES));
+    if latent.is_some() && matches!(params.networks, Networks::SharedFrames(_)) {
+        let refusal = Refusal::new("widths.latent", "does not go together with `networks = \"shared_frames\"`");
+        refusals.push(refusal.help("set `networks.shared_frames.coordinates`"));
+    }
+    for (path, written) in [("widths.encoder", encoder), ("widths.decoder", decoder), ("widths.dynamics", dynamics)] {
+        written.into_iter().flatten().for_each(|width| count(refusals, path, width, 1..=WIDEST));
     }
 }
 

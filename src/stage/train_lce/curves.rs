@@ -106,10 +106,8 @@ pub(super) fn rce(cx: &mut StageCx<'_>, at: At, terms: &RceTerms, loss: &RceLoss
 /// One observation; if the model `decodes`, also its reconstruction and the prediction of the next.
 pub(super) fn images(cx: &mut StageCx<'_>, at: At, transitions: &Transitions, model: &LceModel, decodes: bool) {
     let which = (at.epoch as usize * 37) % transitions.len();
-    let (height, width) = transitions.picture;
     let x = &transitions.observations[which * transitions.pixels()..][..transitions.pixels()];
-    let (rows, columns) = (height as u32, width as u32);
-    cx.record.picture(topic::PICTURE_OBSERVATION, at, rows, columns, x);
+    cx.picture(topic::PICTURE_OBSERVATION, at, x);
     if !decodes {
         return;
     }
@@ -117,6 +115,6 @@ pub(super) fn images(cx: &mut StageCx<'_>, at: At, transitions: &Transitions, mo
     let u = &transitions.actions[which * transitions.action_dim..][..transitions.action_dim];
     let next = model.predict_mean(&z, u);
     let grey = |probabilities: Vec<f32>| probabilities.iter().map(|p| (p * 255.0) as u8).collect::<Vec<u8>>();
-    cx.record.picture(topic::PICTURE_RECONSTRUCTION, at, rows, columns, &grey(model.decode(&z)));
-    cx.record.picture(topic::PICTURE_PREDICTION, at, rows, columns, &grey(model.decode(&next)));
+    cx.picture(topic::PICTURE_RECONSTRUCTION, at, &grey(model.decode(&z)));
+    cx.picture(topic::PICTURE_PREDICTION, at, &grey(model.decode(&next)));
 }

@@ -1,10 +1,13 @@
 //! The networks of a new model.
 
-use super::params::{FramePatches, Networks, Params, Slopes};
+use super::params::{FramePatches, Networks, Params, Slopes, Widths};
 use crate::{
     artifact::{TrainedModel, Transitions},
-    lce::{BackwardSizes, ImageNetworks, LceModel, SharedFrames, Sizes, model::background, shared_frames::FRAMES},
-    nn::{adam::Adam, binary_images::PooledPatches},
+    lce::{BackwardSizes, ImageNetworks, LceModel, SharedFrames, Sizes, model::background_of, shared_frames::FRAMES},
+    nn::{
+        adam::Adam,
+        binary_images::{Likelihood, PooledPatches},
+    },
     num::rng::Rng,
 };
 
@@ -18,6 +21,9 @@ pub(super) fn random_model(
 ) -> anyhow::Result<TrainedModel> {
     sizes.jacobian_heads = params.slopes == Slopes::Amortized;
     sizes.locally_linear = params.objective.is_locally_linear();
+    if params.likelihood != Likelihood::default() {
+        sizes.shades = Some(params.likelihood);
+    }
     match params.networks {
         Networks::Paper => {}
         Networks::PooledPatches(patches) => {
@@ -29,10 +35,29 @@ pub(super) fn random_model(
             sizes = Sizes { latent: frames.latent(), ..reading_patches(ImageNetworks::SharedFrames(frames), sizes) };
         }
     }
-    let background = background(&transitions.frames(), transitions.pixels());
+    written_widths(&params.widths, &mut sizes)?;
+    let background = background_of(&transitions.frames(), &sizes);
     let model = LceModel::new(sizes, background, rng);
     let adam = Adam::new(model.arena.len());
     Ok(TrainedModel { model, adam, suspect_goals: Vec::new() })
+}
+
+/// Puts the widths that the file writes in place of the others.
+fn written_widths(widths: &Widths, sizes: &mut Sizes) -> anyhow::Result<()> {
+    let both = |written: Option<[u64; 2]>, usual| written.map_or(usual, |two| two.map(|width| width as usize));
+    sizes.latent = widths.latent.map_or(sizes.latent, |latent| latent as usize);
+    sizes.encoder = both(widths.encoder, sizes.encoder);
+    sizes.decoder = both(widths.decoder, sizes.decoder);
+    sizes.dynamics = both(widths.dynamics, sizes.dynamics);
+    if let ImageNetworks::Convolutional { rows, columns, .. } = sizes.images {
+        let smallest = (rows / 8) * (columns / 8);
+        anyhow::ensure!(
+            sizes.encoder[0].is_multiple_of(smallest) && sizes.decoder[1].is_multiple_of(smallest),
+            "convolutions of {rows} x {columns} pixels need a multiple of {smallest} as the first width of \
+             `widths.encoder` and the last of `widths.decoder`"
+        );
+    }
+    Ok(())
 }
 
 /// Widths of networks that read patches.

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     control::guidance::Guidance,
     lce::{Differences, PassiveDynamics, pc3::Pc3, warm_up::WarmUp},
+    nn::binary_images::Likelihood,
     stage::Symmetries,
 };
 
@@ -128,6 +129,31 @@ impl Networks {
     }
 }
 
+/// Widths of networks in place of those that the task gives, or the choice `networks`.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub(in crate::stage) struct Widths {
+    /// Dimension of the latent space. Networks that share frames have `coordinates` instead.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) latent: Option<u64>,
+    /// Hidden layers of the encoder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) encoder: Option<[u64; 2]>,
+    /// Hidden layers of the decoder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) decoder: Option<[u64; 2]>,
+    /// Hidden layers of the dynamics.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) dynamics: Option<[u64; 2]>,
+}
+
+impl Widths {
+    /// Whether all widths are those of the task. Then they stand in no key.
+    fn are_the_tasks(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// The warm-up, which a new model begins with.
 #[derive(Debug, Clone, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -193,6 +219,12 @@ pub(in crate::stage) struct Params {
     pub(super) objective: LossName,
     /// The encoder and decoder of a new model. A model from `warm_start` keeps its own.
     pub(super) networks: Networks,
+    /// How the decoder of a new model predicts pixels.
+    #[serde(skip_serializing_if = "is_bernoulli")]
+    pub(super) likelihood: Likelihood,
+    /// Widths of a new model's networks that differ from those of the task.
+    #[serde(skip_serializing_if = "Widths::are_the_tasks")]
+    pub(super) widths: Widths,
     /// Passes over the transitions, warm-up and ramp included.
     pub(super) epochs: u64,
     /// The warm-up of a new model.
@@ -227,6 +259,11 @@ pub(in crate::stage) struct Params {
     pub(super) map_every: u64,
 }
 
+/// Bernoulli pixels stand in no key.
+fn is_bernoulli(likelihood: &Likelihood) -> bool {
+    *likelihood == Likelihood::Bernoulli
+}
+
 /// No bound, as in the paper: e^80 is close to the largest number of single precision.
 pub(super) const UNBOUNDED: f64 = 80.0;
 
@@ -250,6 +287,8 @@ impl Default for Params {
         Self {
             objective: LossName::Carl,
             networks: Networks::Paper,
+            likelihood: Likelihood::Bernoulli,
+            widths: Widths::default(),
             epochs: 15,
             warm_up: WarmUpSchedule::default(),
             ramp: Ramp::default(),

@@ -10,6 +10,7 @@ mod folders;
 mod full_disk;
 mod import_data;
 mod plot;
+mod process;
 mod runs;
 mod suite;
 mod verbs;

@@ -108,7 +108,7 @@ fn frames_come_back_as_they_were_recorded() {
     assert_eq!(of("/latent/map/goals")[1], (last, &Frame::Goals(vec![[1.0, 2.0, 3.0]])));
     let quality = Frame::Scalars { names: ["quality".to_owned()].into(), values: vec![0.75] };
     assert_eq!(of("/latent/map/quality")[1], (last, &quality));
-    let picture = Frame::Picture { height: 2, width: 3, grey: vec![0, 1, 2, 253, 254, 10] };
+    let picture = Frame::Picture { height: 2, width: 3, bytes: vec![0, 1, 2, 253, 254, 10] };
     assert_eq!(of("/picture/observation")[1], (last, &picture));
     assert_eq!(of("/evaluate/obstacles"), [(At::new(2, 0, 0), &Frame::Obstacles(vec![[15.5, 5.5, 2.5]]))]);
     let episode = Frame::Trajectory {

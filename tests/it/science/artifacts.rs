@@ -55,6 +55,7 @@ fn transitions() -> Transitions {
 
 fn model() -> TrainedModel {
     let sizes = Sizes {
+        shades: None,
         jacobian_heads: true,
         locally_linear: false,
         passive_dynamics: PassiveDynamics::None,

@@ -45,6 +45,7 @@ impl Golden {
     fn sizes(&self, jacobian_heads: bool) -> Sizes {
         let out = |layer: &str| self.outputs(layer);
         Sizes {
+            shades: None,
             jacobian_heads,
             locally_linear: false,
             passive_dynamics: PassiveDynamics::None,

@@ -597,7 +597,7 @@ fn the_elbo_of_a_whole_model_and_its_gradients_equal_the_golden_numbers() {
         let (mut log_px, mut log_pc) = (0.0, 0.0);
         for t in 0..steps {
             let (range, image) = (t * pixels..(t + 1) * pixels, (b * steps + t) as u32);
-            log_px -= heads::bernoulli(&logits[range.clone()], &images, image, share, &mut deltas[range]);
+            log_px -= heads::image(&logits[range.clone()], &images, image, share, &mut deltas[range]);
         }
         let mut d_z = vec![0.0; steps * d];
         tiny.decoder.backward(&tiny.arena, &mut decoded, Some(&mut d_z));

@@ -130,7 +130,7 @@ fn prove(task: &Task, symmetry: &Symmetry, claim: &Claim) -> Result<(), String> 
 #[test]
 fn every_symmetry_of_every_task_gives_transitions_of_the_task() {
     let mut proven = Vec::new();
-    for kind in env::registry() {
+    for kind in env::registry().iter().filter(|kind| !kind.symmetries.is_empty()) {
         let more = if kind.name == "three_pole" { vec![json!({ "env": kind.name, "links": 2 })] } else { vec![] };
         for task in [json!({ "env": kind.name })].iter().chain(&more).map(read) {
             for symmetry in kind.symmetries {
@@ -168,7 +168,7 @@ fn what_is_no_symmetry_is_not_proven() {
 
 /// Four frames of 80 x 80 pixels with these columns lit in the row of the cart, and the columns lit after a shift.
 fn shifted(columns: [std::ops::Range<usize>; 4], rng: &mut Rng) -> Vec<Vec<usize>> {
-    let (row, frames) = (73, Frames { height: 80, width: 80, count: 2 });
+    let (row, frames) = (73, Frames::black_and_white(80, 80, 2));
     let mut pictures = vec![0; 4 * 80 * 80];
     for (frame, columns) in pictures.chunks_mut(80 * 80).zip(columns) {
         frame[row * 80..][columns].fill(255);

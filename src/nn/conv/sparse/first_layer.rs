@@ -1,8 +1,8 @@
-//! The first convolution of binary images, computed from their lit pixels alone.
+//! The first convolution of images, computed from their lit pixels alone.
 //!
 //! Lit pixels come in runs, and an output reads a run through neighbouring taps in one row of the filter. The sums of the
 //! weights over all 15 runs of neighbouring taps are computed once per training step. An output then adds one such sum per
-//! run of lit pixels and filter row.
+//! run of lit pixels and filter row. A run of grey pixels has one shade, which is a factor on that sum.
 
 use super::ActiveRows;
 use crate::{
@@ -30,9 +30,11 @@ pub(super) struct FirstLayer {
     size: [usize; 2],
 }
 
-/// Neighbouring lit pixels of a row: the columns from..to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Neighbouring pixels of a row with one shade: the columns from..to.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LitRun {
+    /// 1 for lit pixels.
+    shade: f64,
     frame: usize,
     row: usize,
     from: usize,
@@ -44,11 +46,18 @@ fn tap_run(first: usize, last: usize) -> usize {
     last * (last + 1) / 2 + first
 }
 
-/// sum += x.
+/// sum += factor x. A factor of 1 costs nothing.
 #[inline(always)]
-fn add<T: Real>(sum: &mut [T], x: &[T]) {
+fn add<T: Real>(sum: &mut [T], factor: f64, x: &[T]) {
+    if factor == 1.0 {
+        for (sum, &x) in sum.iter_mut().zip(x) {
+            *sum += x;
+        }
+        return;
+    }
+    let factor = T::of(factor);
     for (sum, &x) in sum.iter_mut().zip(x) {
-        *sum += x;
+        *sum = factor.fma(x, *sum);
     }
 }
 
@@ -90,7 +99,7 @@ impl FirstLayer {
     pub(super) fn pack<T: Real>(&self, arena: &[T], tap_sums: &mut [T]) {
         let (w, c) = (self.weights.w(arena), self.weights.n_out);
         tap_sums.fill(T::ZERO);
-        self.each_tap(|tap, at| add(&mut tap_sums[at..at + c], &w[tap..tap + c]));
+        self.each_tap(|tap, at| add(&mut tap_sums[at..at + c], 1.0, &w[tap..tap + c]));
     }
 
     /// Sets the gradient of the parameters from the gradients of the tap sums, which the gradients of the biases follow.
@@ -98,7 +107,7 @@ impl FirstLayer {
         let c = self.weights.n_out;
         let (dw, db) = self.weights.w_b_mut(gradient);
         dw.fill(T::ZERO);
-        self.each_tap(|tap, at| add(&mut dw[tap..tap + c], &d_tap_sums[at..at + c]));
+        self.each_tap(|tap, at| add(&mut dw[tap..tap + c], 1.0, &d_tap_sums[at..at + c]));
         db.copy_from_slice(&d_tap_sums[self.tap_sums()..]);
     }
 
@@ -106,12 +115,12 @@ impl FirstLayer {
     pub(super) fn lit_runs(&self, images: &BinaryImages, image: u32, runs: &mut Vec<LitRun>) {
         let [rows, columns] = self.size;
         runs.clear();
-        for (pixel, _) in images.lit(image) {
+        for (pixel, shade) in images.lit(image) {
             let (line, column) = (pixel / columns, pixel % columns);
             let (frame, row) = (line / rows, line % rows);
             match runs.last_mut() {
-                Some(run) if (run.frame, run.row, run.to) == (frame, row, column) => run.to += 1,
-                _ => runs.push(LitRun { frame, row, from: column, to: column + 1 }),
+                Some(run) if (run.frame, run.row, run.to, run.shade) == (frame, row, column, shade) => run.to += 1,
+                _ => runs.push(LitRun { shade, frame, row, from: column, to: column + 1 }),
             }
         }
     }
@@ -169,7 +178,9 @@ impl FirstLayer {
                     self.touched(
                         run,
                         #[inline(always)]
-                        |at, [r, column]| add(&mut y[next.input_at(r, column)..][..c], &tap_sums[at..at + c]),
+                        |at, [r, column]| {
+                            add(&mut y[next.input_at(r, column)..][..c], run.shade, &tap_sums[at..at + c])
+                        },
                     );
                 }
                 for (r, active) in active_rows.iter() {
@@ -204,18 +215,20 @@ impl FirstLayer {
                     let y = &y[next.input_at(r, active.start)..][..active.len() * c];
                     let d_y = &mut d_y[r * row + active.start * c..][..active.len() * c];
                     for (d_y, y) in d_y.chunks_exact_mut(c).zip(y.chunks_exact(c)) {
-                        add(before_relu, d_y);
+                        add(before_relu, 1.0, d_y);
                         for (d_y, &y) in d_y.iter_mut().zip(y) {
                             *d_y = if y > T::ZERO { *d_y } else { T::ZERO };
                         }
-                        add(db, d_y);
+                        add(db, 1.0, d_y);
                     }
                 }
                 for &run in runs {
                     self.touched(
                         run,
                         #[inline(always)]
-                        |at, [r, column]| add(&mut d_tap_sums[at..at + c], &d_y[r * row + column * c..][..c]),
+                        |at, [r, column]| {
+                            add(&mut d_tap_sums[at..at + c], run.shade, &d_y[r * row + column * c..][..c])
+                        },
                     );
                 }
             },

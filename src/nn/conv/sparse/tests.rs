@@ -4,9 +4,12 @@ use rand::SeedableRng as _;
 
 use super::*;
 use crate::{
-    nn::conv::{
-        Resize,
-        tests::{IMAGES, case, inner, plainly},
+    nn::{
+        binary_images::Likelihood,
+        conv::{
+            Resize,
+            tests::{IMAGES, case, inner, plainly},
+        },
     },
     num::{instruction_sets::on_every_instruction_set, rng::Rng, sampling},
 };
@@ -27,13 +30,15 @@ fn sparse_stack() -> (SparseConvStack<2>, Layout) {
 fn images() -> Vec<u8> {
     let (frame, mut rng) = (12 * 14, Rng::seed_from_u64(6));
     let mut all = vec![vec![0; 2 * frame]; IMAGES];
-    all[1][0] = 1;
-    all[2][2 * frame - 1] = 1;
-    all[3][5 * 14..5 * 14 + 9].fill(1);
-    all[3][frame + 6 * 14..frame + 6 * 14 + 9].fill(1);
-    all[4].fill(1);
+    all[1][0] = 255;
+    all[2][2 * frame - 1] = 255;
+    all[3][5 * 14..5 * 14 + 9].fill(255);
+    all[3][frame + 6 * 14..frame + 6 * 14 + 9].fill(100);
+    all[4].fill(255);
     for image in &mut all[5..] {
-        image.iter_mut().for_each(|p| *p = u8::from(sampling::uniform(&mut rng, 0.0, 1.0) < 0.03));
+        let mut byte =
+            || (sampling::uniform(&mut rng, 0.0, 1.0) < 0.03) as u8 * [255, 80][sampling::index(&mut rng, 2)];
+        image.iter_mut().for_each(|p| *p = byte());
     }
     all.concat()
 }
@@ -42,7 +47,7 @@ fn images() -> Vec<u8> {
 fn run<T: Real>(arena: &[T], d_flat: &[T], threads: usize) -> [Vec<T>; 2] {
     let (stack, layout) = sparse_stack();
     let frames = images();
-    let mut observations = BinaryImages::new(&frames[3 * 2 * 12 * 14..][..2 * 12 * 14]);
+    let mut observations = BinaryImages::shaded(&frames[3 * 2 * 12 * 14..][..2 * 12 * 14], Likelihood::Bernoulli);
     observations.extend(&frames);
     let which: Vec<u32> = (0..IMAGES as u32).collect();
     let (mut weights, mut shards) = (stack.packed_weights(), stack.shard_sums());
@@ -71,7 +76,7 @@ fn active_rows_leave_nothing_out() {
     let [flat, _] = run(&arena, &d_flat, 1);
     let (mut x, mut at) = (Vec::new(), 0);
     for frames in images().chunks_exact(2 * 12 * 14) {
-        x.extend((0..12 * 14).flat_map(|pixel| [frames[pixel], frames[12 * 14 + pixel]]).map(f64::from));
+        x.extend((0..12 * 14).flat_map(|pixel| [frames[pixel], frames[12 * 14 + pixel]]).map(|p| f64::from(p) / 255.0));
     }
     for (size, channels, stride) in [([12, 14], [2, 32], 1), ([12, 14], [32, 32], 2), ([6, 7], [32, 10], 2)] {
         let mut case = case::<f64>(size, channels, Resize::Down(stride));

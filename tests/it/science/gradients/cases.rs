@@ -38,6 +38,7 @@ pub(super) fn every_case() -> Vec<Case> {
 
 pub(super) fn case(latent: usize, action: usize) -> Case {
     case_of(Sizes {
+        shades: None,
         jacobian_heads: false,
         locally_linear: false,
         passive_dynamics: PassiveDynamics::None,
@@ -55,6 +56,7 @@ pub(super) fn case(latent: usize, action: usize) -> Case {
 /// Two frames of 16 rows and 24 columns: 2x3 pixels where the image is smallest, of 2 and of 3 channels.
 fn convolutional_case() -> Case {
     case_of(Sizes {
+        shades: None,
         jacobian_heads: false,
         locally_linear: false,
         passive_dynamics: PassiveDynamics::None,

@@ -1,7 +1,10 @@
-//! Gaussians and Bernoulli pixels.
+//! Gaussians, and Bernoulli and Gaussian pixels.
 
 use carl_pipe::{
-    nn::{binary_images::BinaryImages, heads},
+    nn::{
+        binary_images::{BinaryImages, Deviation, Likelihood},
+        heads,
+    },
     num::{rng::Rng, sampling},
 };
 use rand::SeedableRng as _;
@@ -69,20 +72,39 @@ fn the_entropy_is_minus_the_mean_log_density() {
 fn the_gradient_of_bernoulli_pixels_equals_finite_differences() {
     let mut rng = Rng::seed_from_u64(5);
     let pixels = 37;
-    let frames: Vec<u8> = (0..3 * pixels).map(|_| u8::from(sampling::index(&mut rng, 3) == 0)).collect();
-    let mut pictures = BinaryImages::new(&frames[..pixels]);
-    pictures.extend(&frames);
-    let logits: Vec<f64> = random(&mut rng, pixels).iter().map(|l| 5.0 * l).collect();
-    for picture in 0..3 {
+    let black_or_white: Vec<u8> = (0..3 * pixels).map(|_| u8::from(sampling::index(&mut rng, 3) == 0) * 255).collect();
+    let mut pictures = BinaryImages::new(&black_or_white[..pixels]);
+    pictures.extend(&black_or_white);
+    let shades: Vec<u8> = (0..3 * pixels).map(|_| sampling::index(&mut rng, 256) as u8).collect();
+    let mut shaded = BinaryImages::shaded(&shades[..pixels], Likelihood::Bernoulli);
+    shaded.extend(&shades);
+    for (frames, pictures) in [(black_or_white, pictures), (shades, shaded)] {
+        holds(&frames, &pictures, |x, mean| -(x * mean.ln() + (1.0 - x) * (1.0 - mean).ln()));
+    }
+}
+
+#[test]
+fn the_gradient_of_gaussian_pixels_equals_finite_differences() {
+    let mut rng = Rng::seed_from_u64(6);
+    let shades: Vec<u8> = (0..3 * 37).map(|_| sampling::index(&mut rng, 256) as u8).collect();
+    let sigma = 0.4_f64;
+    let mut pictures = BinaryImages::shaded(&shades[..37], Likelihood::Gaussian(Deviation { sigma }));
+    pictures.extend(&shades);
+    let constant = sigma.ln() + (2.0 * std::f64::consts::PI).ln() / 2.0;
+    holds(&shades, &pictures, |x, mean| ((x - mean) / sigma).powi(2) / 2.0 + constant);
+}
+
+/// Compares the value for three pictures with the sum of `nats` over pixels, and the gradient with differences.
+fn holds(frames: &[u8], pictures: &BinaryImages, nats: impl Fn(f64, f64) -> f64) {
+    let pixels = frames.len() / 3;
+    let logits: Vec<f64> = random(&mut Rng::seed_from_u64(7), pixels).iter().map(|l| 5.0 * l).collect();
+    for (picture, frame) in (0..3).zip(frames.chunks(pixels)) {
         let mut delta = vec![7.0; pixels];
-        let value = heads::bernoulli(&logits, &pictures, picture, 0.3, &mut delta);
-        let plain = frames[picture as usize * pixels..][..pixels].iter().zip(&logits).map(|(&x, &l)| {
-            let p = 1.0 / (1.0 + (-l).exp());
-            if x != 0 { -p.ln() } else { -(1.0 - p).ln() }
-        });
+        let value = heads::image(&logits, pictures, picture, 0.3, &mut delta);
+        let plain = frame.iter().zip(&logits).map(|(&x, &l)| nats(f64::from(x) / 255.0, 1.0 / (1.0 + (-l).exp())));
         assert!((value - plain.sum::<f64>()).abs() < 1e-10);
         check("logits", &logits, &delta, &all(&logits), |logits| {
-            0.3 * heads::bernoulli(logits, &pictures, picture, 0.0, &mut vec![0.0; pixels])
+            0.3 * heads::image(logits, pictures, picture, 0.0, &mut vec![0.0; pixels])
         });
     }
 }
