@@ -241,3 +241,17 @@ fn no_environment_outlives_a_killed_run() {
     run.wait().unwrap();
     assert!(within(5, || folder.living().is_empty()));
 }
+
+/// Needs a Python with numpy: `pip install -r tests/python/requirements.txt`.
+#[test]
+fn the_adapter_of_gymnasium_makes_the_right_pictures() {
+    if !Command::new("python3").args(["-c", "import numpy"]).output().is_ok_and(|output| output.status.success()) {
+        assert!(std::env::var_os("CI").is_none(), "CI installs tests/python/requirements.txt");
+        eprintln!("skipped: `pip install -r tests/python/requirements.txt` first");
+        return;
+    }
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("python");
+    let mut tests = Command::new("python3");
+    tests.args(["-m", "unittest"]).current_dir(folder).env("PYTHONDONTWRITEBYTECODE", "1");
+    must_be(&tests.output().unwrap(), 0);
+}
