@@ -171,7 +171,7 @@ fn images_gradient(bencher: Bencher<'_, '_>, (pixels, n_out): (usize, usize)) {
 fn bernoulli(bencher: Bencher<'_, '_>) {
     let (images, logits) = (bars(4608), numbers(4608));
     let mut delta = vec![0.0; 4608];
-    bencher.counter(ItemsCount::new(4608_usize)).bench_local(|| heads::bernoulli(&logits, &images, 3, 0.1, &mut delta));
+    bencher.counter(ItemsCount::new(4608_usize)).bench_local(|| heads::image(&logits, &images, 3, 0.1, &mut delta));
 }
 
 #[divan::bench]
