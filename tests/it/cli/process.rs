@@ -213,10 +213,10 @@ fn hanging(folder: &Folder) -> Child {
     let line = format!("run {} -S task.options.fault=\"hang\"", file.display());
     let mut run = folder.command(&line).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let planned_and_running = || fs::read_to_string(folder.path("pids")).is_ok_and(|pids| pids.lines().count() == 2);
-    within(20, planned_and_running).then_some(()).unwrap_or_else(|| {
+    if !within(60, planned_and_running) {
         _ = run.kill();
-        panic!("no environment has started")
-    });
+        panic!("no environment has started");
+    }
     run
 }
 
