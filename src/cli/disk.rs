@@ -27,12 +27,15 @@ print(json.dumps(found))
 /// An interpreter, and the packages that were asked for.
 type Question = (String, Vec<String>);
 
+/// The versions that it found, or why it found none.
+type Answer = Result<BTreeMap<String, String>, String>;
+
 /// The surroundings of a pipeline file. Each file and interpreter is asked once.
 #[derive(Debug)]
 pub(super) struct Disk<'a> {
     folder: &'a Path,
     digests: RefCell<BTreeMap<PathBuf, Result<Digest, String>>>,
-    versions: RefCell<BTreeMap<Question, Result<BTreeMap<String, String>, String>>>,
+    versions: RefCell<BTreeMap<Question, Answer>>,
 }
 
 impl<'a> Disk<'a> {
@@ -58,7 +61,7 @@ impl Outside for Disk<'_> {
         self.folder.join(path)
     }
 
-    fn packages(&self, python: &str, names: &[String]) -> Result<BTreeMap<String, String>, String> {
+    fn packages(&self, python: &str, names: &[String]) -> Answer {
         let ask = |(python, names): &Question| versions(python, names);
         self.versions.borrow_mut().entry((python.to_owned(), names.to_vec())).or_insert_with_key(ask).clone()
     }
@@ -68,7 +71,7 @@ impl Outside for Disk<'_> {
     }
 }
 
-fn versions(python: &str, names: &[String]) -> Result<BTreeMap<String, String>, String> {
+fn versions(python: &str, names: &[String]) -> Answer {
     let mut command = Command::new(python);
     command.args(["-c", VERSIONS]).args(names).stdin(Stdio::null());
     let ended = command.output().map_err(|error| format!("`{python}`: {}", out::tidy(&error.to_string())))?;

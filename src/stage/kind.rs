@@ -43,7 +43,7 @@ pub struct Kind {
     /// The optional inputs that the parameters need. All parameters are given.
     pub needs: fn(&Value) -> Result<&'static [&'static str], serde_json::Error>,
     /// See [`Params::complete`].
-    pub complete: fn(Value, &dyn Outside) -> Result<(Value, Vec<Refusal>), serde_json::Error>,
+    pub complete: fn(Value, &dyn Outside) -> serde_json::Result<Completed>,
     /// See [`Params::files`].
     pub files: fn(&Value) -> Result<Vec<NamedFile>, serde_json::Error>,
     /// For a kind whose inputs and output each stage declares: what a stage with these parameters, and inputs of these
@@ -52,6 +52,9 @@ pub struct Kind {
     /// Does the work. Takes all parameters and the verified files of the inputs, and returns the files of the output.
     pub run: Run,
 }
+
+/// Parameters with what was found outside, and what was not found.
+pub type Completed = (Value, Vec<Refusal>);
 
 /// See [`Kind::run`].
 pub type Run = fn(&Value, &InputFiles<'_>, &mut StageCx<'_>) -> anyhow::Result<Files>;
