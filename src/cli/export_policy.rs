@@ -57,6 +57,7 @@ pub(crate) fn export_policy(global: &Global, args: &Args, kinds: &'static [Kind]
         ("model", model_node.about.name.clone()),
         ("agent", agent_node.about.name.clone()),
         ("frames", spec.frames.count.to_string()),
+        ("channels", spec.frames.channels.to_string()),
         ("action_limit", json!(spec.action_limit).to_string()),
     ];
     let bytes = onnx::export(&model, &agent, picture, &about)

@@ -24,6 +24,8 @@ pub(crate) struct Args {
 enum Start {
     /// Online CARL on the planar task: every stage, with its parameters.
     PlanarOnline,
+    /// An environment of Gymnasium as the task.
+    Gymnasium,
     /// A program of your own between stages of carl-pipe.
     Command,
 }
@@ -33,6 +35,10 @@ impl Start {
     fn files(self) -> &'static [(&'static str, &'static str)] {
         match self {
             Self::PlanarOnline => &[("pipeline.toml", include_str!("../../pipelines/planar_online.toml"))],
+            Self::Gymnasium => &[
+                ("pipeline.toml", include_str!("../../examples/gymnasium/pendulum.toml")),
+                ("my_env.py", include_str!("../../examples/gymnasium/my_env.py")),
+            ],
             Self::Command => &[
                 ("pipeline.toml", include_str!("../../examples/command/pipeline.toml")),
                 ("speckle.py", include_str!("../../examples/command/speckle.py")),

@@ -32,7 +32,8 @@ pub(super) struct Params {
     /// The largest absolute value of each component of an action in the file; one number for all. Actions are divided by it.
     #[serde(default = "one")]
     action_limit: Vec<f64>,
-    /// Grey values from 0 to 255 from which on a pixel is white. Without it, every pixel must be black or white.
+    /// The grey value from 0 to 255 from which on a pixel is white. Without it, pixels of a task in black and white must be
+    /// one or the other.
     #[serde(default)]
     threshold: Option<u8>,
     /// What was found outside of the pipeline file.
@@ -129,12 +130,10 @@ impl Stage for ImportData {
         let spec = cx.task.spec();
         let transitions = read(params, &*arrays::open(&path, Path::new(&params.file))?, &spec, cx)
             .with_context(|| format!("cannot import `{}`", params.file))?;
-        let (height, width) = transitions.picture;
-        let count = transitions.len();
+        let (count, pixels) = (transitions.len(), transitions.pixels());
         for sample in (0..count).step_by(count.div_ceil(8).max(1)) {
-            let picture = &transitions.observations[sample * height * width..][..height * width];
-            let at = At::new(cx.round, 0, sample as u64);
-            cx.record.picture(topic::PICTURE_COLLECTED, at, height as u32, width as u32, picture);
+            let picture = &transitions.observations[sample * pixels..][..pixels];
+            cx.picture(topic::PICTURE_COLLECTED, At::new(cx.round, 0, sample as u64), picture);
         }
         cx.metric("samples", count as f64);
         Ok(transitions)

@@ -7,10 +7,9 @@ use crate::{
     env::Frames,
 };
 
-/// Pictures, black and white.
+/// Pictures in the form of the task's observations.
 #[derive(Debug)]
 pub(super) struct Pictures {
-    /// Pixels, 0 or 255.
     pixels: Vec<u8>,
     frames: Frames,
     /// Whether each picture is a whole observation rather than one frame.
@@ -18,36 +17,38 @@ pub(super) struct Pictures {
 }
 
 impl Pictures {
-    /// Takes pictures of the shape `[n, height, width]`, also with channels behind, or with frames or one channel before.
+    /// Takes pictures of the shape `[n, height, width]`, also with colours behind, or with frames before.
     pub(super) fn new(array: Array, frames: Frames, threshold: Option<u8>) -> anyhow::Result<Self> {
-        let Frames { height, width, count, .. } = frames;
+        let Frames { height, width, channels, shades, count } = frames;
         let shape = array.shape.clone();
-        let (own_height, channels) = match shape[..] {
+        let (own_height, colours) = match shape[..] {
             [_, own, columns] if columns == width => (own, 1),
-            [_, own, columns, channels @ (1 | 3)] if columns == width => (own, channels),
+            [_, own, columns, colours @ (1 | 3)] if columns == width => (own, colours),
             [_, own, rows, columns] if (rows, columns) == (height, width) => (own * rows, 1),
             _ => (0, 1),
         };
-        let is_whole = own_height == count * height;
+        let turns_grey = colours == 3 && channels == 1;
+        let stored = own_height * if turns_grey { 1 } else { colours };
+        let is_whole = stored == count * channels * height;
         ensure!(
-            is_whole || own_height == height,
-            "the shape is {shape:?}, but the task has pictures of {height} x {width}{}",
+            is_whole || stored == channels * height,
+            "the shape is {shape:?}, but the task has pictures of {height} x {width}{}{}",
+            if channels > 1 { format!(" x {channels}") } else { String::new() },
             if count > 1 { format!(", {count} frames one above the other") } else { String::new() }
         );
         let mut pixels = bytes(array)?;
-        if channels == 3 {
+        if turns_grey {
             pixels = pixels.chunks_exact(3).map(grey).collect();
+        } else if colours > 1 {
+            pixels = planes(&pixels, height * width, colours);
         }
         match threshold {
             Some(threshold) => pixels.iter_mut().for_each(|pixel| *pixel = if *pixel >= threshold { 255 } else { 0 }),
+            None if shades => {}
             None => {
                 if let Some(at) = pixels.iter().position(|pixel| !matches!(pixel, 0 | 255)) {
-                    let each = own_height * width;
-                    bail!(
-                        "picture {} has a pixel of {}, but pixels are 0 or 255: set `threshold`",
-                        at / each,
-                        pixels[at]
-                    );
+                    let picture = at / (stored * width);
+                    bail!("picture {picture} has a pixel of {}, but pixels are 0 or 255: set `threshold`", pixels[at]);
                 }
             }
         }
@@ -83,6 +84,13 @@ impl Pictures {
         let frames = (0..self.frames.count).rev().map(|back| self.picture(at.saturating_sub(back).max(first)));
         Ok(frames.collect::<Vec<_>>().concat())
     }
+}
+
+/// Frames of `plane` pixels whose colours stand side by side, with each colour as a whole picture.
+fn planes(pixels: &[u8], plane: usize, colours: usize) -> Vec<u8> {
+    let of_frame = |frame| (0..colours).flat_map(move |colour| (0..plane).map(move |at| frame + at * colours + colour));
+    let frames = (0..pixels.len()).step_by(plane * colours);
+    frames.flat_map(of_frame).map(|at| pixels[at]).collect()
 }
 
 /// Grey as television weighs colours.

@@ -8,7 +8,7 @@ use carl_pipe::{
     arrays::{Dtype, NpzWriter},
     control::{Agent, agent::Whitening},
     lce::{Differences, ImageNetworks, LceModel, SharedFrames, Sizes},
-    nn::binary_images::PooledPatches,
+    nn::binary_images::{Likelihood, PooledPatches},
     num::{rng::Rng, sampling},
     onnx,
     stage::network_sizes,
@@ -25,6 +25,8 @@ fn sizes() -> Vec<(String, Sizes, (usize, usize))> {
     let pixels = 2 * 16 * 24;
     let base = Sizes { pixels, latent: 3, encoder: [60, 20], decoder: [20, 60], ..all[0].1.clone() };
     let patches = PooledPatches { columns: 24, side: 4 };
+    let shaded = Sizes { shades: Some(Likelihood::default()), ..base.clone() };
+    all.push(("shades".to_owned(), shaded, (32, 24)));
     let conv = ImageNetworks::Convolutional { frames: 2, rows: 16, columns: 24 };
     all.push(("patches".to_owned(), Sizes { images: ImageNetworks::Patches(patches), ..base.clone() }, (32, 24)));
     all.push(("convolutional".to_owned(), Sizes { images: conv, ..base.clone() }, (32, 24)));
@@ -63,11 +65,14 @@ fn onnxruntime_gives_our_actions_within_a_hundred_thousandth() {
     for (name, sizes, picture) in sizes() {
         let mut rng = Rng::seed_from_u64(7);
         let (count, own_goals) = (1000, 20);
+        let has_shades = sizes.shades.is_some();
         let mut draw = |count: usize, one_in: usize| -> Vec<u8> {
-            (0..count * sizes.pixels).map(|_| if sampling::index(&mut rng, one_in) == 0 { 255 } else { 0 }).collect()
+            let shade = |rng: &mut Rng| if has_shades { sampling::index(rng, 256) as u8 } else { 255 };
+            let pixels = 0..count * sizes.pixels;
+            pixels.map(|_| if sampling::index(&mut rng, one_in) == 0 { shade(&mut rng) } else { 0 }).collect()
         };
         let (observations, goals) = (draw(count, 40), draw(own_goals, 60));
-        let background: Vec<u8> = draw(1, 2).iter().map(|&pixel| pixel / 255).collect();
+        let background: Vec<u8> = draw(1, 2).iter().map(|&pixel| u8::from(pixel != 0)).collect();
         let model: LceModel = LceModel::new(sizes.clone(), background, &mut rng);
         let n = sizes.latent;
         let whitening = Whitening { mean: vec![0.1; n], inverse: (0..n).map(|k| 1.0 + k as f32).collect() };
