@@ -23,6 +23,15 @@ fn numbers(table: &Value, path: &str, found: &mut Vec<(String, bool)>) {
     }
 }
 
+/// What a stage of this kind must say, as TOML.
+fn needed(kind: &str) -> &'static str {
+    match kind {
+        "import_data" => "file = \"data.npz\"\n",
+        "command" => "argv = [\"true\"]\noutputs = { made = \"made.bin\" }\n",
+        _ => "",
+    }
+}
+
 /// Every number that a pipeline file may set, by kind and path.
 fn all_numbers() -> Vec<(&'static str, String, bool)> {
     let task = stages::planar();
@@ -40,7 +49,9 @@ fn all_numbers() -> Vec<(&'static str, String, bool)> {
             if choice.is_some_and(|choice| known.get(choice).is_none()) {
                 continue;
             }
-            let mut params = (kind.canonical)(&given).expect("defaults");
+            let mut written: Value = toml::from_str(needed(kind.name)).expect("TOML");
+            written.as_object_mut().expect("a table").extend(given.as_object().expect("a table").clone());
+            let mut params = (kind.canonical)(&written).expect("defaults");
             if params.get("slopes").is_some() {
                 params["slopes"] = json!({ "exact": { "refit_steps": 0 } });
             }
@@ -57,9 +68,8 @@ fn all_numbers() -> Vec<(&'static str, String, bool)> {
 
 /// The mistakes of a stage with one parameter set: message and the text at their place.
 fn mistakes(kind: &str, path: &str, value: &str) -> Vec<(String, String)> {
-    let text = format!(
-        "schema = 1\nname = \"it\"\n[task]\nenv = \"planar\"\n[stages.it]\nkind = \"{kind}\"\n{path} = {value}\n"
-    );
+    let stage = format!("[stages.it]\nkind = \"{kind}\"\n{}{path} = {value}\n", needed(kind));
+    let text = format!("schema = 1\nname = \"it\"\n[task]\nenv = \"planar\"\n{stage}");
     let loaded = || load(&Source::new("p.toml", text.as_bytes()), &Overrides::default(), stage::registry());
     let loaded = catch_unwind(loaded).unwrap_or_else(|_| panic!("{kind}: {path} = {value} panics"));
     let Err(mistakes) = loaded else { return Vec::new() };

@@ -144,7 +144,12 @@ fn an_input_that_is_not_finite_is_refused_by_its_name_and_maker() {
     let [data, model, agent] = [&chain.bootstrap, &chain.model, &chain.agent].map(poisoned);
     let (good, both) = (&chain.bootstrap, [&chain.model, &model]);
     for (kind, inputs, input, maker) in [
-        ("train_lce", vec![("transitions", vec![good, &data])], "transitions", "`generate_data` or `collect`"),
+        (
+            "train_lce",
+            vec![("transitions", vec![good, &data])],
+            "transitions",
+            "`generate_data` or `import_data` or `collect`",
+        ),
         ("train_lce", vec![("transitions", vec![good]), ("warm_start", vec![&model])], "warm_start", "`train_lce`"),
         ("train_sac", vec![("transitions", vec![good]), ("model", vec![&model])], "model", "`train_lce`"),
         (
