@@ -57,7 +57,8 @@ fn in_run<T: std::fmt::Debug>(name: &str, bytes: &[u8], read: fn(&Path) -> anyho
 }
 
 fn manifest(bytes: &[u8]) -> Option<String> {
-    in_run("manifest.json", bytes, |run_dir| Ok(Manifest::read(run_dir)?))
+    // Every reading here has a folder of its own.
+    in_run("manifest.json", bytes, |run_dir| Ok(Manifest { run_dir: None, ..Manifest::read(run_dir)? }))
 }
 
 fn marks(bytes: &[u8]) -> Option<String> {
