@@ -79,6 +79,8 @@ impl Default for Names {
 }
 
 impl super::Params for Params {
+    const NAMES_OUTSIDE: bool = true;
+
     fn preset(_: &PresetOf<'_>) -> Self {
         Self { action_limit: one(), ..Self::default() }
     }

@@ -111,11 +111,17 @@ impl Kind {
             check: |params, task| serde_json::from_value(params.clone()).map(|params| check::<P>(&params, task)),
             needs: |params| serde_json::from_value::<P>(params.clone()).map(|params| params.needs()),
             complete: |params, outside| {
+                if !P::NAMES_OUTSIDE {
+                    return Ok((params, Vec::new()));
+                }
                 let mut params: P = serde_json::from_value(params)?;
                 let refusals = params.complete(outside);
                 Ok((serde_json::to_value(params)?, refusals))
             },
-            files: |params| serde_json::from_value::<P>(params.clone()).map(|params| params.files()),
+            files: |params| match P::NAMES_OUTSIDE {
+                true => serde_json::from_value::<P>(params.clone()).map(|params| params.files()),
+                false => Ok(Vec::new()),
+            },
             declare: None,
             run,
         }

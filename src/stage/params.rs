@@ -38,6 +38,10 @@ pub trait Params: Serialize + DeserializeOwned + Default + schemars::JsonSchema 
         &[]
     }
 
+    /// Whether parameters of the kind name anything outside of the pipeline file. Only then [`Params::complete`] and
+    /// [`Params::files`] are called: a plan of thousands of nodes need not read all parameters once more.
+    const NAMES_OUTSIDE: bool = false;
+
     /// Adds what lies outside of the pipeline file and yet changes the result, such as the content of files that the
     /// parameters name. It becomes part of the key. Returns what cannot be found.
     fn complete(&mut self, _: &dyn Outside) -> Vec<Refusal> {

@@ -91,6 +91,8 @@ pub(super) struct Found {
 }
 
 impl crate::stage::Params for Params {
+    const NAMES_OUTSIDE: bool = true;
+
     fn preset(_: &PresetOf<'_>) -> Self {
         Self::default()
     }
