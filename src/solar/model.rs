@@ -20,7 +20,8 @@ const FIRST_STD: f64 = 0.01;
 ///
 /// From SOLAR's own start, E Σ = 2I, the dynamics say nothing of where codes lie, and the decoder lays them out as it
 /// likes. From this start, an action moves every code by the same vector, as under the anchor of CARL's warm-up.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields, default)]
 pub struct Push {
     /// How far one unit of action moves a code.
     pub scale: f64,
@@ -43,6 +44,12 @@ pub struct SolarModel {
     pub cost: CostModel,
     /// Adam's moments for the model of costs.
     pub cost_adam: Adam<f64>,
+}
+
+impl Default for Push {
+    fn default() -> Self {
+        Self { scale: 0.25, std: 0.05, count: 1000.0 }
+    }
 }
 
 impl Push {

@@ -97,25 +97,7 @@ enum FirstDynamics {
     /// SOLAR's own: the next code is the code, with a variance of 2.
     Prior,
     /// An action moves every code by the same vector.
-    Push(FirstPush),
-}
-
-/// Dynamics by which an action moves every code by the same vector.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-struct FirstPush {
-    /// How far one unit of action moves a code.
-    scale: f64,
-    /// Standard deviation of the next code.
-    std: f64,
-    /// The number of transitions that these dynamics count as.
-    count: f64,
-}
-
-impl Default for FirstPush {
-    fn default() -> Self {
-        Self { scale: 0.25, std: 0.05, count: 1000.0 }
-    }
+    Push(Push),
 }
 
 /// A weight that grows after every batch.
@@ -187,7 +169,7 @@ impl crate::stage::Params for Params {
             within(&mut refusals, path, value, 0.0, 1e6);
         }
         above_zero(&mut refusals, "beta.most", self.beta.most);
-        if let FirstDynamics::Push(FirstPush { scale, std, count }) = self.first_dynamics {
+        if let FirstDynamics::Push(Push { scale, std, count }) = self.first_dynamics {
             within(&mut refusals, "first_dynamics.push.scale", scale, -1e3, 1e3);
             within(&mut refusals, "first_dynamics.push.std", std, 1e-3, 1e3);
             within(&mut refusals, "first_dynamics.push.count", count, 0.0, 1e6);
@@ -218,8 +200,10 @@ impl Params {
 
     /// The push of a new model, if its dynamics begin with one.
     pub(super) fn push(&self) -> Option<Push> {
-        let FirstDynamics::Push(FirstPush { scale, std, count }) = self.first_dynamics else { return None };
-        Some(Push { scale, std, count })
+        match self.first_dynamics {
+            FirstDynamics::Prior => None,
+            FirstDynamics::Push(push) => Some(push),
+        }
     }
 
     pub(super) fn settings(&self, steps: usize) -> Settings {

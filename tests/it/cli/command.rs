@@ -4,41 +4,18 @@
 
 use std::{
     fs,
-    path::{Path, PathBuf},
+    path::Path,
     process::{Command, Stdio},
     thread::sleep,
     time::{Duration, Instant},
 };
 
-use crate::support::cli::Ended;
+use crate::support::{cli::Ended, desk::Desk};
 use serde_json::Value;
-
-/// A folder with a pipeline and a store.
-struct Desk {
-    folder: tempfile::TempDir,
-}
 
 const HEAD: &str = "schema = 1\nname = \"programs\"\n[task]\nenv = \"planar\"\n";
 
 impl Desk {
-    fn new() -> Self {
-        Self { folder: tempfile::tempdir().unwrap() }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn command(&self, words: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_carl-pipe"));
-        command.args(words).env_remove("CARL_ARTIFACTS").current_dir(self.folder.path()).stdin(Stdio::null());
-        command
-    }
-
-    fn call(&self, words: &[&str]) -> Ended {
-        Ended::of(self.command(words).output().unwrap())
-    }
-
     fn write(&self, stages: &str) {
         fs::write(self.path("it.toml"), format!("{HEAD}{stages}")).unwrap();
     }

@@ -1,32 +1,14 @@
 //! Data of other programs come in as transitions, or with an error that says what is wrong with them.
 
-use std::{fs, path::PathBuf, process::Command};
+use std::fs;
 
-use crate::support::cli::Ended;
+use crate::support::{cli::Ended, desk::Desk};
 use carl_pipe::arrays::{Dtype, NpzWriter};
-
-struct Desk {
-    folder: tempfile::TempDir,
-}
 
 /// Pixels of a picture of `planar`.
 const PIXELS: usize = 40 * 40;
 
 impl Desk {
-    fn new() -> Self {
-        Self { folder: tempfile::tempdir().unwrap() }
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn call(&self, words: &[&str]) -> Ended {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_carl-pipe"));
-        command.args(words).env_remove("CARL_ARTIFACTS").current_dir(self.folder.path());
-        Ended::of(command.output().unwrap())
-    }
-
     /// Imports a file, with more parameters, into the task `planar` or another one.
     fn import(&self, env: &str, file: &str, rest: &str) -> Ended {
         let text = format!(

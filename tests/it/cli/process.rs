@@ -10,6 +10,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use crate::support::python::python_has;
 use serde_json::Value;
 
 const PIPELINE: &str = r#"
@@ -245,9 +246,7 @@ fn no_environment_outlives_a_killed_run() {
 /// Needs a Python with numpy: `pip install -r tests/python/requirements.txt`.
 #[test]
 fn the_adapter_of_gymnasium_makes_the_right_pictures() {
-    if !Command::new("python3").args(["-c", "import numpy"]).output().is_ok_and(|output| output.status.success()) {
-        assert!(std::env::var_os("CI").is_none(), "CI installs tests/python/requirements.txt");
-        eprintln!("skipped: `pip install -r tests/python/requirements.txt` first");
+    if !python_has("numpy") {
         return;
     }
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("python");

@@ -4,6 +4,7 @@
 
 use std::{path::Path, process::Command};
 
+use crate::support::python::python_has;
 use carl_pipe::{pipeline::schema, stage::registry};
 
 /// Checks files, and texts with one mistake each, against a schema. Prints what goes wrong.
@@ -25,10 +26,7 @@ for text in wrong:
 
 #[test]
 fn the_schema_takes_every_shipped_file_and_sees_mistakes() {
-    let modules = Command::new("python3").args(["-c", "import jsonschema, tomllib"]).output();
-    if !modules.is_ok_and(|output| output.status.success()) {
-        assert!(std::env::var_os("CI").is_none(), "CI installs tests/python/requirements.txt");
-        eprintln!("skipped: `pip install -r tests/python/requirements.txt` first");
+    if !python_has("jsonschema, tomllib") {
         return;
     }
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));

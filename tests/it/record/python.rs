@@ -2,15 +2,12 @@
 //!
 //! Needs `pip install -r tests/python/requirements.txt`; without it the test says so and passes.
 
-use crate::support::recording;
+use crate::support::{python::python_has, recording};
 use std::{path::Path, process::Command};
 
 #[test]
 fn python_decodes_every_message() {
-    let modules = Command::new("python3").args(["-c", "import mcap, mcap_protobuf"]).output();
-    if !modules.is_ok_and(|output| output.status.success()) {
-        assert!(std::env::var_os("CI").is_none(), "CI installs tests/python/requirements.txt");
-        eprintln!("skipped: `pip install -r tests/python/requirements.txt` first");
+    if !python_has("mcap, mcap_protobuf") {
         return;
     }
     let folder = tempfile::tempdir().unwrap();

@@ -2,7 +2,7 @@
 //!
 //! Needs `pip install -r tests/python/requirements.txt`; without it the test says so and passes.
 
-use crate::support::stages;
+use crate::support::{python::python_has, stages};
 use std::{path::Path, process::Command};
 
 use carl_pipe::{
@@ -33,10 +33,7 @@ fn near(ours: &[f32], python: &[f64]) {
 
 #[test]
 fn python_recomputes_codes_and_actions() {
-    let modules = Command::new("python3").args(["-c", "import numpy, safetensors"]).output();
-    if !modules.is_ok_and(|output| output.status.success()) {
-        assert!(std::env::var_os("CI").is_none(), "CI installs tests/python/requirements.txt");
-        eprintln!("skipped: `pip install -r tests/python/requirements.txt` first");
+    if !python_has("numpy, safetensors") {
         return;
     }
     let chain = stages::Chain::run();

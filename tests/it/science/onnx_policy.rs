@@ -4,6 +4,7 @@
 
 use std::{fs, path::Path, process::Command};
 
+use crate::support::python::python_has;
 use carl_pipe::{
     arrays::{Dtype, NpzWriter},
     control::{Agent, agent::Whitening},
@@ -56,10 +57,7 @@ print(json.dumps([one.ravel().tolist(), each.ravel().tolist()]))
 
 #[test]
 fn onnxruntime_gives_our_actions_within_a_hundred_thousandth() {
-    let modules = Command::new("python3").args(["-c", "import numpy, onnxruntime"]).output();
-    if !modules.is_ok_and(|output| output.status.success()) {
-        assert!(std::env::var_os("CI").is_none(), "CI installs tests/python/requirements.txt");
-        eprintln!("skipped: `pip install -r tests/python/requirements.txt` first");
+    if !python_has("numpy, onnxruntime") {
         return;
     }
     for (name, sizes, picture) in sizes() {
