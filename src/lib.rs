@@ -16,6 +16,7 @@ pub mod num;
 pub mod onnx;
 pub mod pipeline;
 pub mod program;
+pub mod python;
 pub mod record;
 pub mod report;
 pub mod run;

@@ -18,11 +18,13 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
     ("num", &[]),
     ("nn", &[("num", "random weights, portable math, vectors, threads")]),
     ("child", &[]),
+    ("python", &[("child", "an interpreter that is asked")]),
     (
         "env",
         &[
             ("num", "random starts, goals and noise; portable math"),
             ("child", "an environment in another process"),
+            ("python", "the versions of its packages"),
             ("digest", "the content of its program"),
         ],
     ),
@@ -121,6 +123,7 @@ const TABLE: &[(&str, &[(&str, &str)])] = &[
         &[
             ("arrays", ""),
             ("onnx", ""),
+            ("python", "the versions of packages"),
             ("report", ""),
             ("run", ""),
             ("store", ""),

@@ -5,24 +5,14 @@ use std::{
     collections::BTreeMap,
     env,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
 };
 
 use super::out;
-use crate::{digest::Digest, stage::Outside};
-
-/// Prints the versions of Python and of the packages named as JSON. A package that is missing is named alone.
-const VERSIONS: &str = "
-import importlib.metadata, json, platform, sys
-found = {'python': platform.python_version()}
-for name in sys.argv[1:]:
-    try:
-        found[name] = importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        if name != 'python':
-            sys.exit(f'`{name}` is not installed')
-print(json.dumps(found))
-";
+use crate::{
+    digest::Digest,
+    python::{self, NoAnswer},
+    stage::Outside,
+};
 
 /// An interpreter, and the packages that were asked for.
 type Question = (String, Vec<String>);
@@ -72,13 +62,16 @@ impl Outside for Disk<'_> {
 }
 
 fn versions(python: &str, names: &[String]) -> Answer {
-    let mut command = Command::new(python);
-    command.args(["-c", VERSIONS]).args(names).stdin(Stdio::null());
-    let ended = command.output().map_err(|error| format!("`{python}`: {}", out::tidy(&error.to_string())))?;
-    if !ended.status.success() {
-        let said = String::from_utf8_lossy(&ended.stderr);
-        let last = said.lines().last().unwrap_or("it says nothing");
-        return Err(format!("`{python}`: {last}"));
-    }
-    serde_json::from_slice(&ended.stdout).map_err(|_| format!("`{python}` is no Python interpreter"))
+    // `python` may stand among the packages, and is told anyway.
+    let packages = names.iter().filter(|name| *name != "python").cloned();
+    let why = match python::versions(&[python.to_owned()], packages, Path::new(".")) {
+        Ok(versions) => return Ok(versions),
+        Err(NoAnswer::System(error)) => out::tidy(&error.to_string()),
+        Err(NoAnswer::Missing(name)) => format!("`{name}` is not installed"),
+        Err(NoAnswer::Other { succeeded: true, .. }) => return Err(format!("`{python}` is no Python interpreter")),
+        Err(NoAnswer::Other { last_words, .. }) => {
+            last_words.last().map_or("it says nothing", String::as_str).to_owned()
+        }
+    };
+    Err(format!("`{python}`: {why}"))
 }

@@ -4,13 +4,10 @@
 //! To start an environment may take a second. So what it says is kept in a cache, under a digest of everything that is in
 //! the key. `status` and `dag` then start no environment.
 
-#![allow(clippy::disallowed_methods, reason = "a deadline says when an answer is too late; no result holds a time")]
-
 use std::{
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
-    time::{Duration, Instant},
 };
 
 use serde_json::json;
@@ -21,24 +18,9 @@ use super::{
     wire::About,
 };
 use crate::{
-    child::{Child, Log},
     digest::Digest,
+    python::{self, NoAnswer},
 };
-
-/// Prints the version of Python and of each package that is named, or `null`.
-const VERSIONS: &str = "
-import importlib.metadata, json, sys
-def version(name):
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        return None
-print(json.dumps({'python': sys.version.split()[0], **{name: version(name) for name in sys.argv[1:]}}))
-";
-/// How long that may take.
-const PATIENCE: Duration = Duration::from_secs(60);
-/// The most bytes of what it prints.
-const LONGEST: usize = 1 << 20;
 
 /// A value of `[task]` that cannot be used.
 #[derive(Debug)]
@@ -124,28 +106,13 @@ fn versions(program: &Program) -> anyhow::Result<BTreeMap<String, String>> {
         return Ok(BTreeMap::new());
     };
     let shown = interpreter.join(" ");
-    let mut command = interpreter.to_vec();
-    command.extend(["-c".to_owned(), VERSIONS.to_owned()]);
-    command.extend(program.packages.iter().cloned());
-    let failed = |why: String| anyhow::anyhow!("cannot ask `{shown}` for versions: {why}");
-    let mut child =
-        Child::start(&command, program.folder()?, Log::default()).map_err(|error| failed(error.to_string()))?;
-    let deadline = Instant::now() + PATIENCE;
-    let (mut text, mut byte) = (Vec::new(), [0]);
-    while text.len() < LONGEST && child.read(&mut byte, deadline).is_ok() && byte != *b"\n" {
-        text.push(byte[0]);
-    }
-    let told: Result<BTreeMap<String, Option<String>>, _> = serde_json::from_slice(&text);
-    let told = told.map_err(|_| {
-        child.end();
-        failed(child.last_words().join("; "))
-    })?;
-    told.into_iter()
-        .map(|(name, version)| match version {
-            Some(version) => Ok((name, version)),
-            None => anyhow::bail!("`{shown}` does not have `{name}`"),
-        })
-        .collect()
+    python::versions(interpreter, program.packages.iter().cloned(), program.folder()?).map_err(|error| match error {
+        NoAnswer::Missing(name) => anyhow::anyhow!("`{shown}` does not have `{name}`"),
+        NoAnswer::System(error) => anyhow::anyhow!("cannot ask `{shown}` for versions: {error}"),
+        NoAnswer::Other { last_words, .. } => {
+            anyhow::anyhow!("cannot ask `{shown}` for versions: {}", last_words.join("; "))
+        }
+    })
 }
 
 /// The words of a command that start Python: those before the program's file.
