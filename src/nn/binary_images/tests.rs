@@ -42,6 +42,29 @@ fn differences_give_the_dense_product_and_its_gradient() {
     assert_eq!(images.lit(3).count(), frames[3 * pixels..4 * pixels].iter().filter(|&&p| p != 0).count());
 }
 
+/// Asserts that a first layer of `n_out` units gives what a dense layer on `x` gives: the inputs of all images in turn.
+fn gives_the_dense_product_and_its_gradient(images: &BinaryImages, x: &[f64], n_out: usize, rng: &mut Rng) {
+    let count = images.len();
+    let mut layout = Layout::default();
+    let layer = layout.linear("first", x.len() / count, n_out);
+    let arena: Vec<f64> = layout.initialize(rng);
+    let which: Vec<u32> = (0..count as u32).collect();
+    let rows = OutputRows { stride: n_out, offset: 0, first_entry: 0 };
+    let (mut base, mut dense, mut sparse) = (vec![0.0; n_out], vec![0.0; n_out * count], vec![0.0; n_out * count]);
+    images.base(&layer, &arena, &mut base);
+    images.affine(&layer, &arena, &base, &which, &mut sparse, rows, false);
+    layer.forward(&arena, x, &mut dense, false);
+    assert!(dense.iter().zip(&sparse).all(|(a, b)| (a - b).abs() < 1e-14));
+
+    let dy: Vec<f64> = (0..n_out * count).map(|i| (i as f64).sin()).collect();
+    let [mut want, mut one, mut two] = [(); 3].map(|()| vec![0.0; layout.len]);
+    layer.gradient(1, &mut want, Accumulate::Replace, x, &dy);
+    images.gradient(1, &layer, &mut one, Accumulate::Replace, &which, &dy, rows);
+    images.gradient(2, &layer, &mut two, Accumulate::Replace, &which, &dy, rows);
+    assert!(want.iter().zip(&one).all(|(a, b)| (a - b).abs() < 1e-13));
+    assert_eq!(one, two);
+}
+
 #[test]
 fn patches_are_read_as_the_share_of_their_pixels_that_is_lit() {
     let mut rng = Rng::seed_from_u64(4);
@@ -61,22 +84,7 @@ fn patches_are_read_as_the_share_of_their_pixels_that_is_lit() {
         }
     }
 
-    let mut layout = Layout::default();
-    let layer = layout.linear("first", 8, n_out);
-    let arena: Vec<f64> = layout.initialize(&mut rng);
-    let which: Vec<u32> = (0..count as u32).collect();
-    let rows = OutputRows { stride: n_out, offset: 0, first_entry: 0 };
-    let (mut base, mut dense, mut sparse) = (vec![0.0; n_out], vec![0.0; n_out * count], vec![0.0; n_out * count]);
-    images.base(&layer, &arena, &mut base);
-    images.affine(&layer, &arena, &base, &which, &mut sparse, rows, false);
-    layer.forward(&arena, &x, &mut dense, false);
-    assert!(dense.iter().zip(&sparse).all(|(a, b)| (a - b).abs() < 1e-14));
-
-    let dy: Vec<f64> = (0..n_out * count).map(|i| (i as f64).sin()).collect();
-    let [mut want, mut got] = [(); 2].map(|()| vec![0.0; layout.len]);
-    layer.gradient(1, &mut want, Accumulate::Replace, &x, &dy);
-    images.gradient(2, &layer, &mut got, Accumulate::Replace, &which, &dy, rows);
-    assert!(want.iter().zip(&got).all(|(a, b)| (a - b).abs() < 1e-13));
+    gives_the_dense_product_and_its_gradient(&images, &x, n_out, &mut rng);
 }
 
 #[test]
@@ -166,25 +174,8 @@ fn shades_give_the_dense_product_and_its_gradient() {
     let frames = shades(pixels * count, &mut rng);
     let mut images = BinaryImages::shaded(&frames[..pixels], Likelihood::Bernoulli);
     images.extend(&frames);
-    let mut layout = Layout::default();
-    let layer = layout.linear("first", pixels, n_out);
-    let arena: Vec<f64> = layout.initialize(&mut rng);
-    let which: Vec<u32> = (0..count as u32).collect();
     let x: Vec<f64> = frames.iter().map(|&byte| f64::from(byte) / 255.0).collect();
-    let rows = OutputRows { stride: n_out, offset: 0, first_entry: 0 };
-    let (mut base, mut dense, mut sparse) = (vec![0.0; n_out], vec![0.0; n_out * count], vec![0.0; n_out * count]);
-    images.base(&layer, &arena, &mut base);
-    images.affine(&layer, &arena, &base, &which, &mut sparse, rows, false);
-    layer.forward(&arena, &x, &mut dense, false);
-    assert!(dense.iter().zip(&sparse).all(|(a, b)| (a - b).abs() < 1e-14));
-
-    let dy: Vec<f64> = (0..n_out * count).map(|i| (i as f64).sin()).collect();
-    let [mut want, mut one, mut two] = [(); 3].map(|()| vec![0.0; layout.len]);
-    layer.gradient(1, &mut want, Accumulate::Replace, &x, &dy);
-    images.gradient(1, &layer, &mut one, Accumulate::Replace, &which, &dy, rows);
-    images.gradient(2, &layer, &mut two, Accumulate::Replace, &which, &dy, rows);
-    assert!(want.iter().zip(&one).all(|(a, b)| (a - b).abs() < 1e-13));
-    assert_eq!(one, two);
+    gives_the_dense_product_and_its_gradient(&images, &x, n_out, &mut rng);
 
     for (image, x) in (0..).zip(x.chunks(pixels)) {
         let mut target = vec![0.0; pixels];
